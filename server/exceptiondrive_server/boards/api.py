@@ -33,13 +33,12 @@ from exceptiondrive_server.web.auth import (
     ServicesOf,
     sees_hidden,
 )
-from exceptiondrive_server.web.etag import REVALIDATED, conditional
+from exceptiondrive_server.web.etag import REVALIDATED, UNCHANGED, conditional
 from exceptiondrive_server.web.path_ids import PhaseId
 from exceptiondrive_server.web.problems import problem_responses
 from exceptiondrive_server.web.responses import origin_of
 
 router = APIRouter(tags=["boards"])
-_UNCHANGED: dict[str, Any] = {"description": "The asker's copy is the current one."}
 Limit = Annotated[int | None, Query(ge=1, le=1000, description="entries at a time")]
 After = Annotated[
     Annotated[
@@ -56,7 +55,7 @@ _LINK = {
 }
 _RESPONSES: dict[int | str, dict[str, Any]] = {
     200: {"model": Board, "description": "The board; its strong ETag is the digest of its bytes."},
-    304: _UNCHANGED,
+    304: UNCHANGED,
     **problem_responses(ProblemCode.NOT_FOUND),
 }
 
@@ -153,7 +152,7 @@ def _as_kept(request: Request, row: BoardRow, max_age_s: int | None) -> Response
             "content": {"text/csv": {"schema": {"type": "string"}}},
             "description": "The board as CSV; each line names protocol and split by digest.",
         },
-        304: _UNCHANGED,
+        304: UNCHANGED,
         **problem_responses(ProblemCode.NOT_FOUND),
     },
     openapi_extra=documented(),

@@ -13,7 +13,7 @@ from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.taxonomy import Taxonomy
 from exceptiondrive_server.boards.queries import featured_protocol
 from exceptiondrive_server.web.auth import ServicesOf
-from exceptiondrive_server.web.etag import conditional
+from exceptiondrive_server.web.etag import UNCHANGED, conditional
 from exceptiondrive_server.web.problems import problem_responses
 
 router = APIRouter(tags=["protocols"])
@@ -52,7 +52,7 @@ def get_protocols(services: ServicesOf) -> list[ProtocolHead]:
             "content": {TOML: {"schema": {"type": "string"}}},
             "description": "The protocol, as JSON or as its TOML document.",
         },
-        304: {"description": "The asker's copy is the current one."},
+        304: UNCHANGED,
         **problem_responses(ProblemCode.NOT_FOUND),
     },
 )

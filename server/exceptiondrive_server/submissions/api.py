@@ -37,6 +37,7 @@ from exceptiondrive_server.submissions.upload import (
     upload_body,
 )
 from exceptiondrive_server.web.auth import Reader, ServicesOf, Submitter, own_team
+from exceptiondrive_server.web.etag import UNCHANGED
 from exceptiondrive_server.web.path_ids import SubmissionId
 from exceptiondrive_server.web.problems import QUOTA_HEADERS, problem_responses, quota_headers
 from exceptiondrive_server.web.services import Services
@@ -188,12 +189,15 @@ def get_submission(
             "content": {"application/octet-stream": {}},
             "description": "The bytes that were sent; the ETag is their digest.",
         },
+        304: UNCHANGED,
         **_OF_OWN,
     },
 )
-def get_file(services: ServicesOf, principal: Reader, submission_id: SubmissionId) -> Response:
+def get_file(
+    request: Request, services: ServicesOf, principal: Reader, submission_id: SubmissionId
+) -> Response:
     """Give a team its own upload again, bit by bit; another team's is not found."""
-    return own_upload(services, principal, submission_id)
+    return own_upload(request, services, principal, submission_id)
 
 
 @router.patch("/{submission_id}", operation_id="editSubmission", responses=_OF_REPLACING)
