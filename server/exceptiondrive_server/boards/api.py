@@ -5,7 +5,7 @@ from urllib.parse import urlencode
 
 from fastapi import APIRouter, Path, Query, Request
 from fastapi.responses import Response
-from pydantic import Field
+from pydantic import Field, TypeAdapter
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.boards.boards import (
@@ -17,8 +17,10 @@ from exceptiondrive_records.boards.boards import (
 from exceptiondrive_records.boards.tables import BoardRow
 from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.phases.phases import shown_phase
+from exceptiondrive_records.rescoring.views import board_history
 from exceptiondrive_records.submissions.edits import edits_of_phase
 from exceptiondrive_schemas.api.problems import ProblemCode
+from exceptiondrive_schemas.api.rescoring import BoardHistoryLine
 from exceptiondrive_schemas.base import in_words
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.method_facts import FactsOfBoard, PhaseFacts
@@ -39,7 +41,8 @@ from exceptiondrive_server.web.problems import problem_responses
 from exceptiondrive_server.web.responses import origin_of
 
 router = APIRouter(tags=["boards"])
-Limit = Annotated[int | None, Query(ge=1, le=1000, description="entries at a time")]
+Limit = Annotated[int | None, Query(ge=1, le=1000, description="so many at a time")]
+_BEGINS = "where a page begins: taken from the `Link` of the page before"
 After = Annotated[
     Annotated[
         str,
@@ -47,10 +50,10 @@ After = Annotated[
         in_words("must be taken from the `Link` of the page before"),
     ]
     | None,
-    Query(description="where a page begins: taken from the `Link` of the page before"),
+    Query(description=_BEGINS),
 ]
 _LINK = {
-    "description": 'With `limit`, if more entries follow: `<ADDRESS>; rel="next"`.',
+    "description": 'With `limit`, if more follow: `<ADDRESS>; rel="next"`.',
     "schema": {"type": "string"},
 }
 _RESPONSES: dict[int | str, dict[str, Any]] = {
@@ -186,6 +189,45 @@ def get_facts(services: ServicesOf, query: BoardQueryOf) -> PhaseFacts:
             changed_at=edits_of_phase(session, board.phase).newest_at,
             entries=dict(facts_on(session, board)),
         )
+
+
+@router.get(
+    "/boards",
+    operation_id="listBoards",
+    response_class=Response,
+    responses={
+        200: {
+            "model": list[BoardHistoryLine],
+            "description": "From when to when each was public.",
+            "headers": {"Link": _LINK},
+        },
+        304: UNCHANGED,
+        **problem_responses(ProblemCode.NOT_FOUND),
+    },
+)
+def get_boards(
+    request: Request,
+    services: ServicesOf,
+    phase: Annotated[str, Query(max_length=64, description="id of a phase")],
+    limit: Limit = None,
+    after: Annotated[int | None, Query(ge=1, lt=2**31, description=_BEGINS)] = None,
+) -> Response:
+    """List every board that was ever public, newest first: protocol, dates, what changed.
+
+    With `limit` some at a time: the header `Link` names the next page (`rel="next"`), of those
+    before, which no newer board moves.
+    """
+    with services.database.read() as session:
+        lines = board_history(session, shown_phase(session, phase).id)
+    left = lines[-(after or len(lines)) :]
+    part = left[:limit]
+    headers = {}
+    if n_more := len(left) - len(part):
+        query = urlencode({"phase": phase, "limit": limit, "after": n_more})
+        headers["Link"] = f'</api/v1/boards?{query}>; rel="next"'
+    body = TypeAdapter(list[BoardHistoryLine]).dump_json(part, by_alias=True)
+    max_age_s = services.settings.board_max_age_s
+    return conditional(request, body, "application/json", max_age_s=max_age_s, headers=headers)
 
 
 @router.get(
