@@ -13,6 +13,7 @@ from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.taxonomy import Taxonomy
 from exceptiondrive_server.boards.queries import featured_protocol
 from exceptiondrive_server.web.auth import ServicesOf
+from exceptiondrive_server.web.compression import takes
 from exceptiondrive_server.web.etag import UNCHANGED, conditional
 from exceptiondrive_server.web.problems import problem_responses
 
@@ -62,11 +63,11 @@ def get_protocol(
     version: Annotated[str, Path(max_length=100, description="version or digest")],
     form: Annotated[
         Literal["json", "toml"] | None,
-        Query(alias="format", description="else what the Accept header prefers"),
+        Query(alias="format", description="else TOML where the Accept header takes it"),
     ] = None,
 ) -> Response:
     """Give a protocol: every constant that turns a trajectory into a score."""
-    wants_toml = form == "toml" or (form is None and TOML in request.headers.get("accept", ""))
+    wants_toml = form == "toml" or (form is None and takes(request.headers.get("accept", ""), TOML))
     with services.database.read() as session:
         protocol = shown_protocol(session, version)
         text = find_protocol_row(session, protocol.digest).toml
