@@ -98,6 +98,8 @@ def test_the_api_page_says_what_each_operation_takes_and_answers(api: "Api") -> 
     assert upload.takes_token
     assert upload.needs_token
     assert upload.status == "200 or 202"
+    assert "than it has they are refused (409)" in " ".join(upload.paragraphs)
+    assert "or in another phase, is refused (409)" in " ".join(upload.paragraphs)
     phases = next(one for one in told if (one.method, one.path) == ("GET", "/api/v1/phases"))
     assert (phases.takes_token, phases.needs_token) == (True, False)
     assert (board.takes_token, board.needs_token) == (False, False)
@@ -485,6 +487,7 @@ def test_the_api_page_begins_with_what_a_program_needs_and_commands_that_fit(api
         "Versions",
         "too slowly (408) may be answered in plain text",
         "Boards, entries and submissions are also JSON",
+        "and with another method or other words a 409",
         "no page of another site can read the answers in a browser",
     ):
         assert words in text, words

@@ -241,6 +241,15 @@ def test_the_same_bytes_under_another_name_change_nothing(api: "Api", as_problem
     one = api.submit("a", method="Planer").json()["id"]
     problem = as_problem(api.submit("a", method="Planner"), 409, "conflict")
     assert f"exceptiondrive edit {one}" in problem["detail"]
+    link = "https://example.org/code"
+    for field, text in {
+        "description": "Other.",
+        "code_url": link,
+        "facts": '{"type": "vla"}',
+        "linked_to": "x",
+    }.items():
+        as_problem(api.submit("a", method="Planer", **{field: text}), 409, "conflict")
+    assert api.submit("a", method="Planer").status_code == 200
     assert api.get(f"/submissions/{one}", "alpha").json()["method"] == "Planer"
 
 

@@ -97,10 +97,10 @@ async def submit(
     """Take an upload. It is kept before the answer is sent; workers read and score it later.
 
     The same bytes again give the first submission (200) and cost no quota, unless that one was
-    withdrawn. With an
-    `Idempotency-Key` the same upload, sent again within 24 hours, is answered as the first time
-    (202), even where the submission was withdrawn meanwhile; the key with other bytes is refused
-    (409). A key is 1 to 255 visible ASCII characters.
+    withdrawn; with another method, description, link, `facts` or `linked_to` than it has they are
+    refused (409). With an `Idempotency-Key` the same upload, sent again within 24 hours, is answered
+    as the first time (202), even where the submission was withdrawn meanwhile; the key with other
+    bytes, or in another phase, is refused (409). A key is 1 to 255 visible ASCII characters.
 
     Scores and ranks of a submission that was there before are told to a token with `read:own` alone;
     so it is where a submission is changed, withdrawn, confirmed, chosen or published.
