@@ -72,6 +72,12 @@ def test_filters_narrow_the_list(api: "Api") -> None:
     assert api.get("/submissions?phase=nowhere", "organizer").status_code == 404
 
 
+@pytest.mark.parametrize("path", ["news", "questions", "rescoring", "rescoring/verifications"])
+def test_organizers_are_told_of_a_phase_that_there_is_not(api: "Api", path: str) -> None:
+    assert api.get(f"/organizer/{path}?phase=nowhere", "organizer").status_code == 404
+    assert api.get(f"/organizer/{path}?phase=dev", "organizer").json() == []
+
+
 @pytest.mark.parametrize("query", ["limit=0", "limit=201", "limit=x", "status=done"])
 def test_a_wrong_filter_is_named(api: "Api", as_problem: Problem, query: str) -> None:
     problem = as_problem(api.get(f"/submissions?{query}", "alpha"), 400, "bad_request")
