@@ -402,6 +402,7 @@ def test_the_event_stream_is_what_the_document_says(api: "Api") -> None:
     assert list(content) == ["text/event-stream"]
     own = api.submit("a").json()["id"]
     api.score(own)
+    api.publish()
     answer = api.get(f"/submissions/{own}/events", "alpha")
     assert answer.headers["content-type"].startswith("text/event-stream")
     Draft202012Validator(content["text/event-stream"]["schema"]).validate(answer.text)
