@@ -6,6 +6,7 @@ import io
 import os
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import Any
 
 from pydantic import ValidationError
 
@@ -22,9 +23,11 @@ from exceptiondrive.inputs import (
 from exceptiondrive_schemas.base import faults_in
 from exceptiondrive_schemas.challenges import ChallengeId
 from exceptiondrive_schemas.check import MAX_UPLOAD_BYTES, check
-from exceptiondrive_schemas.faults import CheckReport
+from exceptiondrive_schemas.check.fault_list import FaultList
+from exceptiondrive_schemas.check.strategy_rules import StrategyRules
+from exceptiondrive_schemas.faults import CheckReport, FaultCode
 from exceptiondrive_schemas.printable import spreadsheet_text
-from exceptiondrive_schemas.protocol import ProtocolDocument
+from exceptiondrive_schemas.protocol import ProtocolDocument, packaged_protocol
 from exceptiondrive_schemas.split import Manifest, Split
 
 
@@ -65,6 +68,21 @@ def check_file(
         challenge=challenge,
         max_upload_bytes=max_upload_bytes,
     ).report
+
+
+def faults_of_strategy(prediction: dict[str, Any]) -> tuple[str, ...]:
+    """Say what is wrong with one prediction of the strategy challenge, whatever the protocol.
+
+    Which hazard types there are is a matter of the protocol, and not asked.
+    """
+    faults = FaultList()
+    StrategyRules(packaged_protocol(), faults).answer(prediction, (), None)
+    faults.forget(FaultCode.UNKNOWN_HAZARD_TYPE)
+    return tuple(
+        f"{each.path.removeprefix('$.')}: expected {each.expected}, got {each.got}"
+        for group in faults.groups()
+        for each in group.examples
+    )
 
 
 def manifest_of(split: Split, protocol: ProtocolDocument) -> Manifest:

@@ -790,7 +790,7 @@ class Client(Connection):
             challenge: `planning` or `strategy`.
             protocol: Version; else the one in force.
             as_of: The board as it stood then; a time without a zone is in UTC, of a day it is the end.
-            sort: Key of a metric; ranks stay what they are.
+            sort: Key of a metric, lowest first; with `-` in front highest first. Ranks stay what they are.
             view: `late`: with the entries that came after the deadline, ranked among all.
         """
         from exceptiondrive_schemas.board import Board

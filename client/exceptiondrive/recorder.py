@@ -18,7 +18,8 @@ gave none (standing still is a trajectory: six times `[0, 0]`).
 Every call of `add` appends one line to `<path>.journal` at once. When the `with` block ends
 well, the journal becomes the submission file in one step and goes away. When the planner dies,
 the journal stays, and the next `Recorder` of the same path goes on from it.
-Processes side by side take a path each; `exceptiondrive convert` makes one file of theirs.
+Processes side by side take a path each; `exceptiondrive convert` makes one file of theirs. Of strategies
+one process records the answers of all.
 """
 
 import contextlib
@@ -56,6 +57,11 @@ class Journal:
     """Predictions of one file, kept line by line until the file is written."""
 
     schema = ""
+    side_by_side = (
+        "give each a path of its own, and make one file of them with `exceptiondrive convert`, which "
+        "also reads"
+    )
+    """What processes do that would record to one path."""
 
     def __init__(self, path: Path, split: str, manifest: Any = None) -> None:
         """Open a recording, or go on with the one that a dead run left behind.
@@ -194,8 +200,7 @@ class Journal:
         if size_bytes == self._size_bytes and os.path.exists(self.journal_path):
             return
         raise RecorderError(
-            f"another process records to {self.path}, too: give each a path of its own, and make one "
-            f"file of them with `exceptiondrive convert`, which also reads {self.journal_path}"
+            f"another process records to {self.path}, too: {self.side_by_side} {self.journal_path}"
         )
 
     @contextlib.contextmanager
@@ -267,6 +272,7 @@ class StrategyRecorder(Journal):
     """Records answers of the strategy challenge."""
 
     schema = "exceptiondrive.strategy/1"
+    side_by_side = "let one process record the answers of all; what this one recorded stands in"
 
     def add(
         self, sample_id: str, strategy: Optional[str], reminder: Optional[Dict[str, Any]] = None
@@ -279,7 +285,9 @@ class StrategyRecorder(Journal):
             reminder: Any of the keys in `REMINDER_KEYS`.
 
         Raises:
-            RecorderError: Unknown strategy or reminder key, or a value that JSON cannot hold.
+            RecorderError: Unknown strategy or reminder key, a value that JSON cannot hold or, where
+                `exceptiondrive` is installed, one that its check refuses; only which hazard types there
+                are is left to `exceptiondrive check`, which knows the protocol.
         """
         is_known = isinstance(strategy, str) and strategy in STRATEGIES
         if strategy is not None and not is_known:
@@ -298,7 +306,22 @@ class StrategyRecorder(Journal):
                     f"known are {', '.join(REMINDER_KEYS)}"
                 )
             prediction["reminder"] = {key: _plain(value) for key, value in reminder.items()}
+            _require_sound(prediction)
         self._record(prediction)
+
+
+def _require_sound(prediction: Dict[str, Any]) -> None:
+    """Refuse what the check of the file would refuse hours later."""
+    try:
+        from exceptiondrive.checking import faults_of_strategy
+    except ImportError:  # copied into a planner's repository
+        return
+    try:
+        faults = faults_of_strategy(prediction)
+    except TypeError:  # JSON cannot hold it: that is told when it is written
+        return
+    if faults:
+        raise RecorderError(f"{prediction['sample_id']}: {'; '.join(faults)}")
 
 
 def _trajectory(value: Any, where: str) -> Optional[List[List[float]]]:

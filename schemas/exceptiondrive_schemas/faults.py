@@ -159,9 +159,9 @@ MESSAGES: Mapping[FaultCode, str] = {
     FaultCode.DUPLICATE_KEY: "A key stands twice in one object: write every key once.",
     FaultCode.UNKNOWN_KEY: "A key does not belong to the format: remove it; method, team and "
     "links travel with the upload, not in the file.",
-    FaultCode.MISSING_KEY: "A key is missing: write every key; where the planner gave nothing, "
-    "its value is null.",
-    FaultCode.WRONG_TYPE: "A value has the wrong type: write numbers as numbers, without quotes, "
+    FaultCode.MISSING_KEY: "A key is missing: write every key; where there is no answer, its "
+    "value is null.",
+    FaultCode.WRONG_TYPE: "A value has the wrong type: write texts in quotes, numbers without, "
     "and lists as lists.",
     FaultCode.WRONG_SCHEMA: "The file does not name the schema that is expected here: set "
     "`schema`, or choose a phase of the right challenge.",
@@ -170,7 +170,7 @@ MESSAGES: Mapping[FaultCode, str] = {
     FaultCode.UNKNOWN_SAMPLE: "A sample id does not belong to the split: take the ids from the "
     "split's manifest.",
     FaultCode.MISSING_SAMPLE: "A sample of the split has no prediction: write one for every "
-    "sample; where the planner gave nothing, its values are null.",
+    "sample; where there is no answer, its values are null.",
     FaultCode.DUPLICATE_SAMPLE: "A sample stands twice: write one prediction per sample.",
     FaultCode.WRONG_WAYPOINT_COUNT: "A trajectory has the wrong number of waypoints: write "
     "exactly those that the protocol asks for, without t = 0; nothing is padded or cut.",

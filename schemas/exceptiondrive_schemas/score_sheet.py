@@ -11,6 +11,8 @@ from exceptiondrive_schemas.protocol import Average, ProtocolDocument, Publicati
 from exceptiondrive_schemas.python310 import Self
 from exceptiondrive_schemas.split import SplitRef
 
+REMINDER = "reminder"
+"""The further row of what reminder records say; only of a file that has some."""
 HEADLINE: Average = "macro_family"
 """The aggregate that is shown where no protocol says which."""
 
@@ -135,6 +137,11 @@ class ScoreSheet(Document):
     """Further named rows: sensitivity to d_safe, confusion, reminder scores."""
     clearance_curve: ClearanceCurve | None = Field(default=None, exclude_if=lambda it: it is None)
     """Left out where the challenge has none or the protocol does not publish it."""
+
+    @property
+    def has_reminders(self) -> bool:
+        """Whether reminder records came with the answers."""
+        return REMINDER in self.extra
 
     def average(self, name: Average) -> MetricRow:
         """Return the totals under one of the two averages, as the protocol names the one that ranks."""

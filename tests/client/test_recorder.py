@@ -244,10 +244,20 @@ def test_a_wrong_manifest_is_refused(
 def test_strategies_are_recorded_with_their_reminder(tmp_path: Path) -> None:
     with StrategyRecorder(tmp_path / "a.json", split="sample") as recorder:
         recorder.add("s1", strategy="C", reminder={"hazard_present": True, "risk_level": "high"})
-        recorder.add("s2", strategy=None)
+        recorder.add("s2", strategy=None, reminder={"hazard_type": "of_another_protocol"})
         for wrong in ("stop", ["A"], np.array(["A", "B"])):
             with pytest.raises(RecorderError, match="one of A, B, C, D, E or None"):
                 recorder.add("s3", strategy=wrong)  # type: ignore[arg-type]
+        for key, value, told in (
+            ("hazard_type", 7, "expected a task id or null, got a number"),
+            ("risk_level", "High", 'expected none, low, medium, high or null, got "High"'),
+            ("recommended_strategy", "stop", 'expected A, B, C, D, E or null, got "stop"'),
+            ("hazard_present", 1, "expected true, false or null, got a number"),
+            ("evidence", "x" * 2001, "got 2,001"),
+            ("safety_constraint", "a\x00b", "got"),
+        ):
+            with pytest.raises(RecorderError, match=f"^s3: reminder.{key}: .*{told}"):
+                recorder.add("s3", strategy="C", reminder={key: value})
         with pytest.raises(RecorderError, match="unknown reminder key colour"):
             recorder.add("s3", strategy="C", reminder={"colour": "red"})
     assert json.loads((tmp_path / "a.json").read_text()) == {
@@ -259,9 +269,22 @@ def test_strategies_are_recorded_with_their_reminder(tmp_path: Path) -> None:
                 "strategy": "C",
                 "reminder": {"hazard_present": True, "risk_level": "high"},
             },
-            {"sample_id": "s2", "strategy": None},
+            {
+                "sample_id": "s2",
+                "strategy": None,
+                "reminder": {"hazard_type": "of_another_protocol"},
+            },
         ],
     }
+
+
+def test_of_strategies_one_process_records_those_of_all(tmp_path: Path) -> None:
+    first, second = (StrategyRecorder(tmp_path / "a.json", split="sample") for _ in range(2))
+    first.add("s1", strategy="C")
+    with pytest.raises(RecorderError, match="let one process record the answers of all"):
+        second.add("s2", strategy="C")
+    for each in (first, second):
+        each.close()
 
 
 def test_a_reminder_that_json_cannot_hold_is_refused_by_its_sample(tmp_path: Path) -> None:

@@ -57,7 +57,7 @@ def test_confusion_is_printed_as_counts_and_reminder_scores_as_shares() -> None:
         }
     )
     start = lines.index("n A C")
-    assert lines[start + 1 : start + 3] == ["confusion CD 3 1 2", "confusion C 1 1 0"]
+    assert lines[start + 1 : start + 3] == ["confusion C 1 1 0", "confusion CD 3 1 2"]
     assert lines[start + 3 : start + 5] == ["given presence recall", "reminder 100.00% none"]
 
 
@@ -85,3 +85,15 @@ def test_a_family_that_is_not_told_is_explained() -> None:
     assert not [line for line in printed({}, {"large": families["large"]}, rules) if "told" in line]
     none_there = {"empty": BreakdownRow.of(0, dict.fromkeys(ROW))}
     assert not [line for line in printed({}, none_there, rules) if "told" in line]
+
+
+def test_a_sheet_of_this_machine_and_a_kept_one_are_printed_alike() -> None:
+    """Kept sheets come sorted by key."""
+    rows: dict[str, MetricRow] = {
+        "confusion_CD": {"n": 3.0, "A": 1.0, "C": 2.0, "missing": 0.0},
+        "confusion_C": {"n": 1.0, "A": 1.0, "C": 0.0, "missing": 0.0},
+        "reminder": {"given": 1.0, "presence_recall": 0.5, "presence_precision": 0.5},
+    }
+    shares = {"same_answer": 0.5, "blind": 0.25}
+    kept = {key: dict(sorted(row.items())) for key, row in sorted(rows.items())}
+    assert printed(rows, shares=shares) == printed(kept, shares=dict(sorted(shares.items())))

@@ -30,6 +30,7 @@ from exceptiondrive import (
     NotFoundError,
     NotSignedInError,
     QuotaError,
+    StrategyRecorder,
     WaitTimeoutError,
     evaluate_file,
 )
@@ -241,6 +242,38 @@ def test_a_withdrawal_asks_and_says_what_stands_again(
     assert "no other run takes its place" in run(working, "withdraw", first["id"]).stdout
     again = run(working, "withdraw", second["id"]).stdout
     assert again == f"{second['id']} withdrawn: it was so before, and nothing changed\n"
+
+
+def test_a_link_is_told_by_status_and_before_what_ends_it(
+    working: "Running", tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def send(letters: str, *more: str) -> Any:
+        path = tmp_path / f"{letters}.json"
+        with working.client() as client:
+            manifest = client.manifest("words")
+        with StrategyRecorder(path, split=manifest.name) as recorder:
+            for number, sample_id in enumerate(manifest.sample_ids):
+                recorder.add(sample_id, letters[number % len(letters)])
+        where = ("--phase", "words", "--method", letters, "--allow-unranked", "--wait", "--json")
+        done = run(working, "submit", path, *where, *more)
+        assert done.exit_code == 0, done.stderr
+        return json.loads(done.stdout)
+
+    plain = send("AB")
+    linked = send("CD", "--without-reminder", plain["id"])
+    told = run(working, "status", linked["id"]).stdout
+    assert f"Without the reminder it is {plain['id']}; by the reminder Accuracy +" in " ".join(
+        told.split()
+    )
+    lost = f"The board then tells no effect of the reminder in {linked['id']}."
+    with monkeypatch.context() as on_terminal:
+        for module in ("output", "submission_commands"):
+            on_terminal.setattr(f"exceptiondrive.cli.{module}.can_ask", lambda: True)
+        asked = run(working, "withdraw", plain["id"], typed="n\n")
+        assert f"{lost} Withdraw {plain['id']} (Accuracy " in asked.stderr
+        asked = run(working, "withdraw", linked["id"], typed="n\n")
+        assert asked.stderr.startswith("Withdraw ")
+    assert lost in run(working, "withdraw", plain["id"]).stdout
 
 
 def test_a_withdrawal_after_the_deadline_says_that_the_place_stays_empty(
@@ -589,6 +622,9 @@ def test_the_board_in_all_its_forms(working: "Running", planning_file: MakeFile)
     by_ur = run(working, "leaderboard", "--phase", "dev", "--sort", "ur", "--json")
     assert json.loads(by_ur.stdout)["entries"] == board["entries"]
     assert run(working, "leaderboard", "--phase", "dev", "--sort", "beauty").exit_code == 2
+    assert "ur lowest first, -hcc highest" in " ".join(
+        run(working, "leaderboard", "--help").stdout.split()
+    )
 
 
 def test_a_withdrawn_entry_leaves_the_board_and_stays_in_the_list(

@@ -5,7 +5,6 @@ from typing import Any
 
 import pytest
 
-from exceptiondrive_records.boards.standings import LinkedRecord, entries_for_board
 from exceptiondrive_records.db.errors import Conflict, InvalidRecord, NotFound
 from exceptiondrive_records.phases.phases import create_phase
 from exceptiondrive_records.submissions.submissions import Accepted, accept, withdraw
@@ -55,51 +54,12 @@ def link(world: Any, content: str, linked_to: str | None, **changed: Any) -> Acc
         return accept(session, **wanted | changed)
 
 
-def linked_of(world: Any) -> dict[str, LinkedRecord | None]:
-    with world.database.read() as session:
-        entries = entries_for_board(session, world.phase_id, world.protocol_digest)
-        return {entry.method: entry.linked for entry in entries}
-
-
 def test_a_link_is_kept_and_shown_to_the_team(strategy_world: Any) -> None:
     plain = link(strategy_world, "plain", None)
     reminded = link(strategy_world, "reminded", plain.submission.id)
     with strategy_world.database.read() as session:
         assert view(session, reminded.submission).linked_to == plain.submission.id
         assert view(session, plain.submission).linked_to is None
-
-
-def test_an_entry_brings_its_counterpart_once_both_are_scored(strategy_world: Any) -> None:
-    plain = link(strategy_world, "plain", None)
-    reminded = link(strategy_world, "reminded", plain.submission.id)
-    strategy_world.score(reminded.job_id)
-    assert linked_of(strategy_world) == {"method reminded": None}
-    strategy_world.score(plain.job_id)
-    counterpart = linked_of(strategy_world)["method reminded"]
-    assert counterpart is not None
-    assert counterpart.submission_id == plain.submission.id
-    assert counterpart.method == "method plain"
-    assert linked_of(strategy_world)["method plain"] is None
-
-
-def test_a_counterpart_that_a_newer_submission_replaced_still_counts(strategy_world: Any) -> None:
-    plain = link(strategy_world, "plain", None, method="Agent")
-    reminded = link(strategy_world, "reminded", plain.submission.id, method="Agent")
-    strategy_world.score(plain.job_id)
-    strategy_world.score(reminded.job_id)
-    (found,) = linked_of(strategy_world).values()
-    assert found is not None
-    assert found.submission_id == plain.submission.id
-
-
-def test_a_withdrawn_counterpart_ends_the_comparison(strategy_world: Any) -> None:
-    plain = link(strategy_world, "plain", None)
-    reminded = link(strategy_world, "reminded", plain.submission.id)
-    strategy_world.score(plain.job_id)
-    strategy_world.score(reminded.job_id)
-    with strategy_world.database.write() as session:
-        withdraw(session, plain.submission.id, actor="test")
-    assert linked_of(strategy_world) == {"method reminded": None}
 
 
 def test_a_submission_of_another_team_is_not_found(strategy_world: Any) -> None:
@@ -124,7 +84,7 @@ def test_a_submission_of_another_phase_is_refused(strategy_world: Any) -> None:
 
 def test_a_challenge_without_reminder_takes_no_links(world: Any) -> None:
     plain = link(world, "plain", None)
-    with pytest.raises(InvalidRecord, match="are not linked; name none without a reminder"):
+    with pytest.raises(InvalidRecord, match="are not linked: leave out the one without"):
         link(world, "reminded", plain.submission.id)
 
 
@@ -134,6 +94,16 @@ def test_a_withdrawn_submission_is_no_counterpart(strategy_world: Any) -> None:
         withdraw(session, plain.submission.id, actor="test")
     with pytest.raises(Conflict, match="was withdrawn"):
         link(strategy_world, "reminded", plain.submission.id)
+
+
+def test_a_run_in_whose_place_another_stands_is_no_counterpart(strategy_world: Any) -> None:
+    plain = link(strategy_world, "plain", None, method="Agent")
+    better = link(strategy_world, "better", None, method="Agent")
+    strategy_world.score(plain.job_id)
+    strategy_world.score(better.job_id)
+    with pytest.raises(Conflict, match=f"'{better.submission.id}' takes its place; link one"):
+        link(strategy_world, "reminded", plain.submission.id)
+    assert link(strategy_world, "reminded", better.submission.id).job_id is not None
 
 
 def test_the_same_bytes_with_another_link_are_refused_and_with_the_same_are_a_duplicate(

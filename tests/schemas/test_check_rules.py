@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from exceptiondrive_schemas.challenges import STRATEGY
 from exceptiondrive_schemas.check import check
 from exceptiondrive_schemas.check.fault_list import json_path, shown
 from exceptiondrive_schemas.check.sample_ids import SHARDS, NearestId
@@ -171,6 +172,34 @@ def test_a_file_of_few_samples_is_asked_whether_it_is_a_shard(
     del planning["predictions"][1:]
     (missing,) = checked(planning).faults
     assert {fault.hint for fault in missing.examples} == {SHARDS}
+
+
+def test_no_hint_leads_a_strategy_file_to_convert_which_reads_trajectories_alone(
+    strategy: dict[str, Any],
+    planning: dict[str, Any],
+    protocol: ProtocolDocument,
+    manifest: Manifest,
+) -> None:
+    sound = json.dumps(strategy)
+    predictions = strategy["predictions"]
+    by_id = {each["sample_id"]: {"strategy": "C"} for each in predictions}
+    hints = {
+        json.dumps(predictions): "looks like a bare list of predictions",
+        "\n".join(map(json.dumps, predictions)): "looks like JSON lines",
+        f"{sound}\n{sound}": "looks like several files in one",
+        json.dumps(strategy | {"predictions": by_id}): "write a list; the sample id stands inside "
+        "each prediction",
+        f"\ufeff{sound}": None,
+        json.dumps(strategy | {"predictions": predictions[:1]}): "one shard of several?",
+        json.dumps({"results": predictions}): "looks like another form of it",
+    }
+    for text, hint in hints.items():
+        for challenge in (None, STRATEGY.id):
+            told = check(text.encode(), protocol=protocol, manifest=manifest, challenge=challenge)
+            found = [fault.hint for group in told.report.faults for fault in group.examples]
+            assert set(found) == {hint}, text[:40]
+    of_pairs = check(json.dumps(planning["predictions"]).encode(), protocol=protocol).report
+    assert "`exceptiondrive convert FILE" in str(of_pairs.faults[0].examples[0].hint)
 
 
 def test_an_empty_file_of_predictions_and_one_with_other_ids_are_no_shards(

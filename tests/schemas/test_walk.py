@@ -360,7 +360,7 @@ WALK: dict[str, Row] = {
     "strings for numbers": Row(
         lambda: paths(lambda path: [(str(x), str(y)) for x, y in path]),
         {"wrong_type": f"{24 * N:,} values {ALL}"},
-        ["write numbers as numbers, without quotes", "`exceptiondrive convert FILE` does"],
+        ["numbers without", "`exceptiondrive convert FILE` does"],
     ),
     "a list of modes": Row(
         lambda: paths(lambda path: [path, path, path]),

@@ -291,6 +291,44 @@ def test_pages_stay_with_their_board_when_another_is_the_current_one(
     assert methods(lively.get("/leaderboard?phase=dev&limit=2")) == ["alone"]
 
 
+def test_a_page_by_a_fact_begins_after_the_last_entry_whatever_teams_edit_meanwhile(
+    api: "Api", make_entry: MakeEntry
+) -> None:
+    rule = '{"type": "rule"}'
+    own = [api.submit(name, method=name, facts=rule).json()["id"] for name in "abcd"]
+    api.publish(*(make_entry(f"a {n}", rank=n, submission_id=it) for n, it in enumerate(own, 1)))
+    first = api.get("/leaderboard?phase=dev&sort=-method&fact=type:rule&limit=2")
+    assert methods(first) == ["a 4", "a 3"]
+    edited = api.request("PATCH", f"/submissions/{own[3]}", "alpha", json={"facts": {"type": None}})
+    assert edited.status_code == 200
+    following = first.links["next"]["url"].removeprefix("/api/v1")
+    assert methods(api.get(following)) == ["a 2", "a 1"]
+
+
+def test_the_list_of_boards_comes_in_pages_that_no_new_board_moves_and_is_304_if_unchanged(
+    api: "Api", make_entry: MakeEntry
+) -> None:
+    for name in "abcde":
+        api.publish(make_entry(name))
+    listed = "/boards?phase=dev"
+    assert [line["board"] for line in api.get(listed).json()] == [5, 4, 3, 2, 1]
+    first = api.get(f"{listed}&limit=2")
+    api.publish(make_entry("f"))
+    found, answer = [line["board"] for line in first.json()], first
+    while "next" in answer.links:
+        answer = api.get(answer.links["next"]["url"].removeprefix("/api/v1"))
+        found += [line["board"] for line in answer.json()]
+        assert len(answer.json()) <= 2
+    assert found == [5, 4, 3, 2, 1]
+    for asked in (listed, f"{listed}&limit=2"):
+        tag = {"If-None-Match": api.get(asked).headers["etag"]}
+        assert (api.get(asked, headers=tag).status_code, api.get(asked).json()[0]["board"]) == (
+            304,
+            6,
+        )
+    assert first.headers["etag"] not in tag.values()
+
+
 def test_a_page_of_a_board_that_was_read_reads_none_of_its_text(lively: "Api") -> None:
     first = lively.get("/leaderboard?phase=dev&limit=2")
     following = first.links["next"]["url"].removeprefix("/api/v1")

@@ -145,6 +145,12 @@ def test_a_protocol_is_given_as_the_toml_that_was_added(api: "Api", how: dict[st
     assert response.text == packaged_protocol_toml()
 
 
+@pytest.mark.parametrize("accepted", ["application/toml;q=0, application/json", "*/*"])
+def test_a_protocol_is_json_to_who_does_not_take_toml(api: "Api", accepted: str) -> None:
+    response = api.get("/protocols/1.0", headers={"Accept": accepted})
+    assert response.headers["content-type"] == "application/json"
+
+
 def test_a_protocol_is_given_as_json_by_version_or_digest(api_on_both: "Api") -> None:
     (head,) = api_on_both.get("/protocols").json()
     by_version, by_digest = (

@@ -214,6 +214,10 @@ def test_what_was_sent_comes_back_bit_by_bit_to_its_team_alone(
         answer = api.get(f"/submissions/{one}/file", "alpha")
         assert answer.content == data
         assert answer.headers["etag"] == f'"{digest_of(data)}"'
+        asks = {"If-None-Match": answer.headers["etag"]}
+        again = api.get(f"/submissions/{one}/file", "alpha", headers=asks)
+        assert (again.status_code, again.content) == (304, b"")
+        as_problem(api.get(f"/submissions/{one}/file", "beta", headers=asks), 404, "not_found")
         name = f"exceptiondrive-{one}{suffix}"
         assert answer.headers["content-disposition"] == f'attachment; filename="{name}"'
         assert answer.headers["x-content-type-options"] == "nosniff"

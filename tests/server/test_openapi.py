@@ -89,6 +89,7 @@ def test_the_api_page_says_what_each_operation_takes_and_answers(api: "Api") -> 
     sort = next(each for each in board.asks if each.name == "sort")
     assert (sort.where, sort.is_required, sort.type_words) == ("query", False, "string, else rank")
     assert board.schema == "Board"
+    assert {"board", "limit", "after"} <= {each.name for each in board.asks}
     assert {"entries", "families"} <= {each.name for each in board.answers}
     shown = Board.model_validate_json(board.sample)
     assert (len(shown.entries), shown.challenge) == (1, PLANNING.id)
@@ -97,6 +98,8 @@ def test_the_api_page_says_what_each_operation_takes_and_answers(api: "Api") -> 
     assert upload.takes_token
     assert upload.needs_token
     assert upload.status == "200 or 202"
+    assert "than it has they are refused (409)" in " ".join(upload.paragraphs)
+    assert "or in another phase, is refused (409)" in " ".join(upload.paragraphs)
     phases = next(one for one in told if (one.method, one.path) == ("GET", "/api/v1/phases"))
     assert (phases.takes_token, phases.needs_token) == (True, False)
     assert (board.takes_token, board.needs_token) == (False, False)
@@ -399,6 +402,7 @@ def test_the_event_stream_is_what_the_document_says(api: "Api") -> None:
     assert list(content) == ["text/event-stream"]
     own = api.submit("a").json()["id"]
     api.score(own)
+    api.publish()
     answer = api.get(f"/submissions/{own}/events", "alpha")
     assert answer.headers["content-type"].startswith("text/event-stream")
     Draft202012Validator(content["text/event-stream"]["schema"]).validate(answer.text)
@@ -484,6 +488,8 @@ def test_the_api_page_begins_with_what_a_program_needs_and_commands_that_fit(api
         "Versions",
         "too slowly (408) may be answered in plain text",
         "Boards, entries and submissions are also JSON",
+        "and with another method or other words a 409",
+        "no page of another site can read the answers in a browser",
     ):
         assert words in text, words
     commands = re.findall(r'<pre class="term"[^>]*>(.*?)</pre>', text, re.DOTALL)
@@ -492,5 +498,8 @@ def test_the_api_page_begins_with_what_a_program_needs_and_commands_that_fit(api
     assert named == {"/api/v1/leaderboard", "/api/v1/leaderboard.csv", "/api/v1/submissions"}
     assert named <= set(api.app.openapi()["paths"])
     assert "phase=dev" in commands[0]
+    told = api.get("/phases", headers={"Origin": "https://elsewhere.example"})
+    assert told.status_code == 200
+    assert not [name for name in told.headers if name.startswith("access-control")]
     upload = re.sub(r"<[^>]+>", "", commands[1])
     assert {"phase", "method", "file"} == set(re.findall(r"-F '?(\w+)=", upload))

@@ -72,6 +72,12 @@ def test_filters_narrow_the_list(api: "Api") -> None:
     assert api.get("/submissions?phase=nowhere", "organizer").status_code == 404
 
 
+@pytest.mark.parametrize("path", ["news", "questions", "rescoring", "rescoring/verifications"])
+def test_organizers_are_told_of_a_phase_that_there_is_not(api: "Api", path: str) -> None:
+    assert api.get(f"/organizer/{path}?phase=nowhere", "organizer").status_code == 404
+    assert api.get(f"/organizer/{path}?phase=dev", "organizer").json() == []
+
+
 @pytest.mark.parametrize("query", ["limit=0", "limit=201", "limit=x", "status=done"])
 def test_a_wrong_filter_is_named(api: "Api", as_problem: Problem, query: str) -> None:
     problem = as_problem(api.get(f"/submissions?{query}", "alpha"), 400, "bad_request")
@@ -241,6 +247,15 @@ def test_the_same_bytes_under_another_name_change_nothing(api: "Api", as_problem
     one = api.submit("a", method="Planer").json()["id"]
     problem = as_problem(api.submit("a", method="Planner"), 409, "conflict")
     assert f"exceptiondrive edit {one}" in problem["detail"]
+    link = "https://example.org/code"
+    for field, text in {
+        "description": "Other.",
+        "code_url": link,
+        "facts": '{"type": "vla"}',
+        "linked_to": "x",
+    }.items():
+        as_problem(api.submit("a", method="Planer", **{field: text}), 409, "conflict")
+    assert api.submit("a", method="Planer").status_code == 200
     assert api.get(f"/submissions/{one}", "alpha").json()["method"] == "Planer"
 
 

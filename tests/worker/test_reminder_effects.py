@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 from collections import Counter, defaultdict
 from collections.abc import Callable
 from random import Random
@@ -10,11 +11,16 @@ from typing import Any
 import numpy as np
 import pytest
 from sqlalchemy import select
+from tests.support.worker import score_submission
 
+from exceptiondrive_records.db.errors import Conflict
 from exceptiondrive_records.participation.disqualification import disqualify_submission
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.submissions import withdraw
 from exceptiondrive_records.submissions.tables import Submission
+from exceptiondrive_records.submissions.views import view
+from exceptiondrive_schemas.api.own_entries import link_words
+from exceptiondrive_schemas.api.submission import SubmissionView
 from exceptiondrive_schemas.board import Board, BoardEntry, PairedDifference, ReminderEffect
 from exceptiondrive_schemas.challenges import STRATEGY
 from exceptiondrive_schemas.protocol import ProtocolDocument, packaged_protocol
@@ -194,15 +200,63 @@ def keep_to_its_team(session: Any, submission_id: str, *, actor: str) -> None:
         each.published_at = each.received_at
 
 
+def told_of(world: World, submission_id: str) -> SubmissionView:
+    with world.database.read() as session:
+        return view(session, session.get_one(Submission, submission_id))
+
+
 @pytest.mark.parametrize("take_off", [withdraw, disqualify, keep_to_its_team])
 def test_a_counterpart_that_may_not_be_shown_takes_the_effect_off_the_board(
     pair: tuple[World, str, str], take_off: Callable[..., Any]
 ) -> None:
-    world, plain, _ = pair
-    assert entry_of(world.build_board(), "reminded").reminder_effect is not None
+    world, plain, reminded = pair
+    effect = effect_of(world.build_board(), "reminded")
+    told = told_of(world, reminded)
+    assert (told.reminder_effect, told.no_effect_because) == (effect, None)
+    assert re.fullmatch(
+        rf"Without the reminder it is {plain}; by the reminder Accuracy \+[\d.]+ %, "
+        r"by the reminder Under-warning -[\d.]+ %\.",
+        link_words(told),
+    )
     with world.database.write() as session:
         take_off(session, plain, actor="test")
     assert entry_of(world.build_board(), "reminded").reminder_effect is None
+    told = told_of(world, reminded)
+    assert told.no_effect_because == "that one is no entry of the board"
+    assert link_words(told).endswith(f"{plain}; no effect is told: {told.no_effect_because}.")
+
+
+def test_no_effect_is_told_against_a_run_that_another_replaced(
+    pair: tuple[World, str, str], scenes: Split
+) -> None:
+    """Else a weak run that no reader finds on the board makes a reminder look good."""
+    world, _, reminded = pair
+    world.score(file_of(scenes, answers(scenes, 3, 0.8)), method="plain")
+    board = world.build_board()
+    assert [row.reminder_effect for row in board.entries] == [None] * len(board.entries)
+    assert told_of(world, reminded).no_effect_because == "that one is no entry of the board"
+
+
+def test_no_effect_is_told_against_a_file_with_reminder_records_of_its_own(
+    world: World, scenes: Split
+) -> None:
+    """It may be linked before it is scored, when nobody has read it."""
+    world.add_phase(scenes, challenge="strategy")
+    document = json.loads(file_of(scenes, answers(scenes, 1, 0.3)))
+    document["predictions"][0]["reminder"] = {"hazard_present": True}
+    plain, job = world.submit(json.dumps(document).encode(), method="plain")
+    reminded = world.score(
+        file_of(scenes, answers(scenes, 2, 0.7)), method="reminded", linked_to=plain
+    )
+    assert link_words(told_of(world, reminded)) == (
+        f"Without the reminder it is {plain}; the effect is told while both are entries of the board."
+    )
+    score_submission(world.context, job)
+    assert entry_of(world.build_board(), "reminded").reminder_effect is None
+    why = told_of(world, reminded).no_effect_because
+    assert why == "that one has reminder records of its own"
+    with pytest.raises(Conflict, match=f"{plain!r} has reminder records of its own; link one"):
+        world.submit(file_of(scenes, answers(scenes, 3, 0.7)), linked_to=plain)
 
 
 def test_a_second_board_takes_the_effect_from_the_store_and_a_lost_store_comes_to_the_same(

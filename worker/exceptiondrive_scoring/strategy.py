@@ -11,7 +11,7 @@ from exceptiondrive_schemas.check import CheckedDocument, StrategyAnswer, Strate
 from exceptiondrive_schemas.drawing import EntryDrawings
 from exceptiondrive_schemas.printable import share_past
 from exceptiondrive_schemas.protocol import GeometrySection, GradingSection, ProtocolDocument
-from exceptiondrive_schemas.score_sheet import ClearanceCurve, MetricRow, Plausibility
+from exceptiondrive_schemas.score_sheet import REMINDER, ClearanceCurve, MetricRow, Plausibility
 from exceptiondrive_schemas.submission_files import ReminderRecord
 from exceptiondrive_schemas.taxonomy import Strategy, Taxonomy
 from exceptiondrive_scoring.aliases import BoolArray, Columns, FloatArray, IntArray
@@ -216,7 +216,7 @@ class StrategyScoring:
         answers = StrategyAnswers.from_columns(measurements)
         rows = {f"confusion_{name}": row for name, row in confusion(answers, split).items()}
         if answers.reminder_given.any():
-            rows["reminder"] = reminder_scores(answers, split, protocol.taxonomy)
+            rows[REMINDER] = reminder_scores(answers, split, protocol.taxonomy)
         return rows
 
     def clearance_curve(

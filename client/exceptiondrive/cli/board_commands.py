@@ -42,7 +42,12 @@ def leaderboard(
     ] = None,
     sort: Annotated[
         str | None,
-        one_of("--sort", METRIC_KEYS, "Order of rows, by hcc or another; ranks stay.", "METRIC"),
+        one_of(
+            "--sort",
+            METRIC_KEYS,
+            "Order of rows: ur lowest first, -hcc highest; ranks stay.",
+            "METRIC",
+        ),
     ] = None,
     view: Annotated[
         str | None, one_of("--view", VIEWS, "late: with what came after the deadline.")

@@ -225,9 +225,11 @@ def _sensitivity(sheet: ScoreSheet, protocol: ProtocolDocument | None) -> Iterat
 
 
 def _plausibility(sheet: ScoreSheet) -> Iterator[RenderableType]:
-    shares = {key: share for key, share in sheet.plausibility.shares.items() if share is not None}
+    shares = sorted(
+        (k, share) for k, share in sheet.plausibility.shares.items() if share is not None
+    )
     if shares:
-        each = (f"{key.replace('_', ' ')} {_percent(share, 1)}" for key, share in shares.items())
+        each = (f"{key.replace('_', ' ')} {_percent(share, 1)}" for key, share in shares)
         listed = ", ".join(each)
         yield Text(f"plausibility: {listed}", style="dim")
     for flag in sheet.plausibility.flags:
@@ -235,10 +237,14 @@ def _plausibility(sheet: ScoreSheet) -> Iterator[RenderableType]:
 
 
 def _extra(sheet: ScoreSheet) -> Iterator[RenderableType]:
-    """Further named rows: counts as counts, anything else as the fraction that it is."""
+    """Further named rows: counts as counts, anything else as the fraction that it is.
+
+    In the order of their keys, as kept sheets come; the number of samples first.
+    """
     by_columns: dict[tuple[str, ...], FittedTable] = {}
     others = {key: row for key, row in sheet.extra.items() if not key.startswith(SENSITIVITY)}
-    for name, row in others.items():
+    for name, unordered in sorted(others.items()):
+        row = dict(sorted(unordered.items(), key=lambda cell: (cell[0] != "n", cell[0])))
         table = by_columns.get(tuple(row))
         if table is None:
             titles = (Column(key.replace("_", " "), "number") for key in row)

@@ -286,9 +286,13 @@ def withdraw(
     except NotAllowedError:  # a token may withdraw what it cannot read
         asked = None
     stands = asked is None or asked.status is not SubmissionStatus.WITHDRAWN
-    if stands and can_ask():  # a script goes on: the same bytes may be sent again
-        be_sure(f"Withdraw {submission_id if asked is None else entry_words(asked)}?", yes)
     own = () if asked is None else client.submissions(phase=asked.phase, limit=None)
+    linked = [] if asked is None else [each for each in own if each.linked_to == asked.id]
+    against = [each.id for each in linked if each.reminder_effect is not None]
+    lost = f"The board then tells no effect of the reminder in {', '.join(against)}."
+    if stands and can_ask():  # a script goes on: the same bytes may be sent again
+        name = submission_id if asked is None else entry_words(asked)
+        be_sure(lost if against else "", yes, question=f"Withdraw {name}?")
     view = client.withdraw(submission_id)
     if asked is None:
         unknown = "what takes its place cannot be told without the scope read:own"
@@ -303,7 +307,7 @@ def withdraw(
             words = f"the run before, {entry_words(again)}, takes no place now: {why}"
     if not stands:
         words = "it was so before, and nothing changed"
-    return view, f"{view.id} {view.status}: {words}"
+    return view, f"{view.id} {view.status}: {words}", *([lost] if against else ())
 
 
 @with_client

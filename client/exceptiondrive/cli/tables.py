@@ -22,7 +22,7 @@ from exceptiondrive.cli.fitted_table import ByWidth, Column, FittedTable
 from exceptiondrive.cli.output import Answer
 from exceptiondrive.errors import utc_text
 from exceptiondrive.outlook import REPLACES_UNKNOWN, Outlook
-from exceptiondrive_schemas.api.own_entries import entry_words, question_of
+from exceptiondrive_schemas.api.own_entries import entry_words, link_words, question_of
 from exceptiondrive_schemas.api.submission import (
     QueuePlace,
     Quota,
@@ -180,6 +180,8 @@ def submission_view(
         yield from sheet_view(
             view.sheet, with_tasks=False, n_predictions=n_predictions, headline=view.headline
         )
+    if view.linked_to is not None:
+        yield link_words(view)
     if view.status is SubmissionStatus.SCORED:
         rank, why = _standing(view)
         because = f": {why}" if why else ""

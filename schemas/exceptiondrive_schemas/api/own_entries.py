@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterable, Mapping
 from datetime import datetime
 
 from exceptiondrive_schemas.api.phase_settings import PhasePolicy
+from exceptiondrive_schemas.api.standing_words import effect_words
 from exceptiondrive_schemas.api.submission import SubmissionStatus, SubmissionView
 from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.python310 import UTC
@@ -60,6 +61,20 @@ def question_of(view: SubmissionView, minute: Callable[[datetime], str] = _minut
         return "It was not confirmed in time: it counts for nothing, and its file is deleted. Send it again."
     until = f"Confirm it until {minute(view.confirm_until)}, or its file is deleted."
     return " ".join(("Nothing is counted yet.", *asked, until))
+
+
+def link_words(view: SubmissionView) -> str:
+    """Name what a submission is linked to, and what the board tells of the two; empty: it has no link."""
+    if view.linked_to is None:
+        return ""
+    told = f"no effect is told: {view.no_effect_because}"
+    if view.reminder_effect is not None and view.challenge in CHALLENGES:
+        challenge, changes = CHALLENGES[view.challenge], view.reminder_effect.by_metric
+        ranking = {each.metric: changes.get(each.metric) for each in challenge.primary_order}
+        told = ", ".join(effect_words(challenge, ranking))
+    elif view.no_effect_because is None:
+        told = "the effect is told while both are entries of the board"
+    return f"Without the reminder it is {view.linked_to}; {told}."
 
 
 def entry_words(view: SubmissionView) -> str:

@@ -3,11 +3,10 @@
 from collections.abc import Iterator, Mapping
 
 from exceptiondrive_schemas.api.rescoring import Standing
-from exceptiondrive_schemas.board import ReminderEffect
 from exceptiondrive_schemas.challenges import Challenge, Metric
 from exceptiondrive_schemas.printable import one_line
 from exceptiondrive_schemas.protocol import PublicationSection
-from exceptiondrive_schemas.score_sheet import Interval, metric_text, text_with_unit
+from exceptiondrive_schemas.score_sheet import Interval, MetricRow, metric_text, text_with_unit
 
 
 def ranked_words(
@@ -68,12 +67,14 @@ def _words(challenge: Challenge | None, standing: Standing | None) -> list[str]:
         words = [f"{words[0]} ({low} to {high})"]
     if challenge is not None:
         words += ranked_words(challenge, standing.metrics, standing.intervals)
-        words += _effect_words(challenge, standing.reminder_effect)
+        if standing.reminder_effect is not None:
+            words += effect_words(challenge, standing.reminder_effect.by_metric)
     return words
 
 
-def _effect_words(challenge: Challenge, effect: ReminderEffect | None) -> Iterator[str]:
-    for key, value in ({} if effect is None else effect.by_metric).items():
+def effect_words(challenge: Challenge, changes: MetricRow) -> Iterator[str]:
+    """Yield what a reminder changed: `by the reminder Accuracy +7.50 %`."""
+    for key, value in changes.items():
         if value is not None:
             metric = challenge.metric(key)
             sign = "+" if value >= 0 else ""

@@ -4,6 +4,7 @@ from datetime import datetime
 
 from exceptiondrive_schemas.api.phase_settings import PhaseNow, PhaseSettings, RunRule
 from exceptiondrive_schemas.base import Document
+from exceptiondrive_schemas.board import ReminderEffect
 from exceptiondrive_schemas.challenges import ChallengeId
 from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.method_facts import Links, MethodFacts
@@ -77,6 +78,10 @@ class SubmissionView(Document):
     """When the team last changed name, words, links or facts."""
     linked_to: str | None = None
     """The team's submission of the same agent without the reminder."""
+    reminder_effect: ReminderEffect | None = None
+    """What the reminder changed against that one, as the current board shows it."""
+    no_effect_because: str | None = None
+    """Why the current board, on which it stands, tells nothing against that one."""
     file_digest: str
     """`sha256:` and the hex digest of the bytes that were sent."""
     size_bytes: int

@@ -628,6 +628,7 @@ def check(
         hint = convert_advice(manifest) if error.got in CONVERTIBLE else None
         faults.add(error.code, (), expected=error.expected, got=error.got, hint=hint)
         return Checked(_report(data, faults), None)
+    faults.is_converted = not _has_strategies(text, (manifest and manifest.challenge) or challenge)
     reader = SubmissionReader(
         _without_byte_order_mark(text, faults),
         protocol=protocol,
@@ -638,6 +639,11 @@ def check(
     )
     document = reader.read()
     return Checked(_report(data, faults, reader), document)
+
+
+def _has_strategies(text: bytes, wanted: ChallengeId | None) -> bool:
+    """Whether it is a strategy file, however wrong: no conversion makes one."""
+    return wanted == STRATEGY.id or (b'"strategy"' in text and b'"edited"' not in text)
 
 
 def _without_byte_order_mark(text: bytes, faults: FaultList) -> bytes:

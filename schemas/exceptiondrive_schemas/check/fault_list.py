@@ -7,6 +7,7 @@ A value of the file is shown short, on one line, escaped.
 
 import json
 import math
+import re
 import unicodedata
 from collections.abc import Iterable
 from typing import Any
@@ -90,11 +91,17 @@ MAX_FAULTS = 100_000
 """Reading stops here: it bounds the time that a hostile file can take (about 2 s). Above every
 coordinate of 3,181 samples with both trajectories (76,344), so honest files are counted whole."""
 
+BY_CONVERT = re.compile(r"[;:]? ?`exceptiondrive convert FILE.*")
+"""What a hint says of conversion."""
+
 Path = tuple[str | int, ...]
 
 
 class FaultList:
     """The faults of one file. Holds a bounded number of examples, however many faults there are."""
+
+    is_converted = True
+    """Whether `exceptiondrive convert` reads such files; else no hint leads there."""
 
     def __init__(self) -> None:
         self._counts: dict[FaultCode, int] = {}
@@ -133,6 +140,8 @@ class FaultList:
         is_new = sample_id is None or self._note_sample(code, sample_id)
         examples = self._examples.setdefault(code, [])
         if is_new and len(examples) < MAX_EXAMPLES:
+            if hint is not None and not self.is_converted:
+                hint = BY_CONVERT.sub("", hint) or None
             fault = Fault(
                 path=json_path(path), sample_id=sample_id, expected=expected, got=got, hint=hint
             )

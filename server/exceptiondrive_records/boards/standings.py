@@ -20,7 +20,6 @@ from exceptiondrive_records.phases.policy import (
     pseudonym_of_method,
     pseudonym_of_team,
     score_kept_back_since,
-    tells_entries_alone,
 )
 from exceptiondrive_records.phases.scoring_keys import (
     ScoringKey,
@@ -35,25 +34,12 @@ from exceptiondrive_schemas.api.phase_settings import BoardView
 from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.method_facts import Links
 from exceptiondrive_schemas.protocol import ProtocolDocument
-from exceptiondrive_schemas.score_sheet import ScoreSheet
+from exceptiondrive_schemas.score_sheet import REMINDER, ScoreSheet
 
 _NEVER = datetime(1, 1, 1, tzinfo=UTC)
 _SHEETS_AT_ONCE = 200
-_ON_NO_ROW: Mapping[str, Any] = {"tasks": {}, "extra": {}, "clearance_curve": None}
-"""What of a sheet no row of a board says: most of it."""
-
-
-@dataclass(frozen=True)
-class LinkedRecord:
-    """The scored counterpart of an entry, whether or not it is an entry itself."""
-
-    submission_id: str
-    method: str
-    file_digest: str
-    sheet: ScoreSheet
-    """Without tasks, further rows and curve."""
-    measurement_key: str
-    accepted_under: ProtocolDocument
+_ON_NO_ROW: Mapping[str, Any] = {"tasks": {}, "clearance_curve": None}
+"""What of a sheet no row of a board says, besides most of its further rows: most of it."""
 
 
 @dataclass(frozen=True)
@@ -70,11 +56,12 @@ class EntryRecord:
     submitted_at: datetime
     file_digest: str
     sheet: ScoreSheet
-    """Without tasks, further rows and curve: `whole_sheets` reads them of those that need them."""
+    """Without tasks, curve and further rows, but that of reminder records: `whole_sheets` reads them of those that need them."""
     measurement_key: str
     accepted_under: ProtocolDocument
     """Whose bounds its file passed."""
-    linked: LinkedRecord | None = None
+    linked_to: str | None = None
+    """The team's submission of the same agent without reminder, an entry of the board or not."""
     is_late: bool = False
 
 
@@ -105,8 +92,7 @@ def entries_for_board(
     falls back to the one before it, until the deadline: withdrawn later, it leaves no entry, so
     that nobody picks after seeing the outcome. A disqualified entry leaves its place empty: what it
     displaced does not come up. All were scored against the split revision that is given, or the one
-    that the phase shows. A linked counterpart need not be an entry, but where a reveal tells of entries
-    alone.
+    that the phase shows.
 
     Raises:
         NotFound: No such phase.
@@ -115,20 +101,9 @@ def entries_for_board(
     key = ScoringKey(protocol_digest, split_revision or phase.split_revision)
     scored = _scored_under(session, phase, key)
     due = _due(session, phase, scored, view, key)
-    out = disqualified_ids(session, phase.id)
-    may_be_told = {
-        each.submission.id: each
-        for each in (due if tells_entries_alone(session, phase, key.split_revision) else scored)
-        if is_published(phase, each.submission) and each.submission.id not in out
-    }
-    linked = [may_be_told.get(each.submission.linked_to or "") for each in due]
-    told = [*due, *(each for each in linked if each is not None)]
-    sheets = _sheets(session, [each.submission.id for each in told], key)
+    sheets = _sheets(session, [each.submission.id for each in due], key)
     accepted = all_accepted_under(session, phase.id)
-    return [
-        _entry(phase, each, counterpart, sheets, accepted)
-        for each, counterpart in zip(due, linked, strict=True)
-    ]
+    return [_entry(phase, each, sheets, accepted) for each in due]
 
 
 def entry_ids_for_board(session: Session, phase_id: str, key: ScoringKey) -> set[str]:
@@ -226,7 +201,8 @@ def whole_sheets(
 def _sheets(session: Session, ids: Sequence[str], key: ScoringKey) -> dict[str, ScoreSheet]:
     found, sharing = {}, Sharing()
     for submission_id, whole in whole_sheets(session, ids, key):
-        found[submission_id] = whole.model_copy(update=_ON_NO_ROW)
+        kept = {REMINDER: whole.extra[REMINDER]} if whole.has_reminders else {}
+        found[submission_id] = whole.model_copy(update={**_ON_NO_ROW, "extra": kept})
         sharing.share(found[submission_id])
     return found
 
@@ -335,7 +311,6 @@ def _chosen_at(scored: _Scored) -> datetime:
 def _entry(
     phase: Phase,
     scored: _Scored,
-    counterpart: _Scored | None,
     sheets: Mapping[str, ScoreSheet],
     accepted: Mapping[str, ProtocolDocument],
 ) -> EntryRecord:
@@ -354,24 +329,8 @@ def _entry(
         sheet=sheets[submission.id],
         measurement_key=scored.measurement_key,
         accepted_under=accepted[submission.id],
-        linked=None if counterpart is None else _linked(phase, counterpart, sheets, accepted),
+        linked_to=submission.linked_to,
         is_late=is_late(phase, submission),
-    )
-
-
-def _linked(
-    phase: Phase,
-    scored: _Scored,
-    sheets: Mapping[str, ScoreSheet],
-    accepted: Mapping[str, ProtocolDocument],
-) -> LinkedRecord:
-    return LinkedRecord(
-        submission_id=scored.submission.id,
-        method=_method(phase, scored),
-        file_digest=scored.submission.file_digest,
-        sheet=sheets[scored.submission.id],
-        measurement_key=scored.measurement_key,
-        accepted_under=accepted[scored.submission.id],
     )
 
 

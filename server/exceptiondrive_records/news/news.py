@@ -95,8 +95,12 @@ def news_of(session: Session, phase_id: str) -> list[News]:
 
 
 def list_news(session: Session, phase_id: str | None = None) -> list[News]:
-    """Return the news of one phase or of all, withdrawn ones too, newest first."""
+    """Return the news of one phase or of all, withdrawn ones too, newest first.
+
+    Raises:
+        NotFound: There is no such phase.
+    """
     query = select(News).order_by(News.published_at.desc(), News.id)
     if phase_id is not None:
-        query = query.where(News.phase_id == phase_id)
+        query = query.where(News.phase_id == find_phase(session, phase_id).id)
     return list(session.scalars(query))

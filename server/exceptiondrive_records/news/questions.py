@@ -19,7 +19,7 @@ from exceptiondrive_records.participation.messages import (
     recipients,
     send_message,
 )
-from exceptiondrive_records.phases.phases import shown_phase
+from exceptiondrive_records.phases.phases import find_phase, shown_phase
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.teams.tables import Team
 
@@ -144,10 +144,13 @@ def list_questions(session: Session, phase_id: str | None = None) -> list[tuple[
     """Return questions, of one phase or all, with the id of the team: those that wait first.
 
     Who waits longest stands first of these, and the newest answer of the others.
+
+    Raises:
+        NotFound: There is no such phase.
     """
     query = select(Question, Team.slug).join(Team, Team.id == Question.team_id)
     if phase_id is not None:
-        query = query.where(Question.phase_id == phase_id)
+        query = query.where(Question.phase_id == find_phase(session, phase_id).id)
     is_answered = Question.answered_at.is_not(None)
     order = (is_answered, Question.answered_at.desc(), Question.asked_at, Question.id)
     return [(row, slug) for row, slug in session.execute(query.order_by(*order))]

@@ -92,15 +92,7 @@ def takes_late_entries(session: Session, phase: Phase, moment: datetime) -> bool
 
 def is_split_revealed(session: Session, phase: Phase) -> bool:
     """Whether the phase began with the public part of its split and shows another one now."""
-    return tells_entries_alone(session, phase, phase.split_revision)
-
-
-def tells_entries_alone(session: Session, phase: Phase, split_revision: str) -> bool:
-    """Whether scores on a revision are told of the entries of its board and of no other file.
-
-    So it is of all that a reveal shows, else a team would learn which of its files is the best there.
-    """
-    split = session.get_one(SplitRow, (phase.split_name, split_revision))
+    split = session.get_one(SplitRow, (phase.split_name, phase.split_revision))
     return phase.policy.live_part == "public" and split.counts_private
 
 

@@ -4,6 +4,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.db.database import find_row
+from exceptiondrive_records.phases.phases import find_phase
 from exceptiondrive_records.rescoring.tables import RescoringRun
 from exceptiondrive_schemas.api.rescoring import RunKind, RunState
 
@@ -27,11 +28,15 @@ def list_runs(
     only_open: bool = False,
     limit: int | None = None,
 ) -> list[RescoringRun]:
-    """Return runs of a kind, newest first, at most so many."""
+    """Return runs of a kind, newest first, at most so many.
+
+    Raises:
+        NotFound: There is no such phase.
+    """
     query = select(RescoringRun).where(RescoringRun.kind == kind)
     query = query.order_by(RescoringRun.created_at.desc(), RescoringRun.id)
     if phase_id is not None:
-        query = query.where(RescoringRun.phase_id == phase_id)
+        query = query.where(RescoringRun.phase_id == find_phase(session, phase_id).id)
     if only_open:
         query = query.where(RescoringRun.state.in_(_OPEN))
     return list(session.scalars(query.limit(limit)))

@@ -8,6 +8,7 @@ from sqlalchemy import ColumnElement, and_, bindparam, func, select, tuple_
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.log import audit
+from exceptiondrive_records.boards.standings import replacements, whole_sheets
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.columns import is_one_of
 from exceptiondrive_records.db.errors import Conflict, InvalidRecord, NotFound, PhaseClosed
@@ -21,7 +22,12 @@ from exceptiondrive_records.phases.allowances import is_open_to
 from exceptiondrive_records.phases.disqualified import require_not_disqualified
 from exceptiondrive_records.phases.policy import has_closed, has_revealed, takes_late_entries
 from exceptiondrive_records.phases.quotas import quota_of, require_quota
-from exceptiondrive_records.phases.scoring_keys import ScoringKey, Shadow, phase_and_shadow
+from exceptiondrive_records.phases.scoring_keys import (
+    ScoringKey,
+    Shadow,
+    key_of_phase,
+    phase_and_shadow,
+)
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.phases.terms import require_terms
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
@@ -45,20 +51,21 @@ _WITHOUT_A_SCORE = (SubmissionStatus.WITHDRAWN, SubmissionStatus.REJECTED, Submi
 def require_counterpart(
     session: Session, team_id: int, phase: Phase, linked_to: str | None
 ) -> None:
-    """Refuse a link to a submission that may not be linked to.
+    """Refuse a link of which no board would tell an effect, as far as that is known.
 
     Raises:
         InvalidRecord: The challenge links nothing, or the counterpart is of another phase.
         NotFound: The team has no such submission.
-        Conflict: The counterpart has no score and will not have one.
+        Conflict: The counterpart has no score and will not have one, another run stands in its place,
+            or it has reminder records of its own.
     """
     if linked_to is None:
         return
     counterpart = CHALLENGES[phase.challenge].counterpart
     if counterpart is None:
         raise InvalidRecord(
-            f"Submissions of the {phase.challenge} challenge are not linked; name none without a "
-            "reminder (linked_to)."
+            f"Submissions of the {phase.challenge} challenge are not linked: leave out the one "
+            "without reminder."
         )
     found = session.scalars(
         select(Submission).where(Submission.id == linked_to, Submission.team_id == team_id)
@@ -72,6 +79,17 @@ def require_counterpart(
         )
     if found.status in _WITHOUT_A_SCORE:
         raise Conflict(f"The submission {linked_to!r} was {found.status}; link one with a score.")
+    holder = replacements(session, phase, [found], database_now(session)).get(found.id)
+    if holder is not None:
+        raise Conflict(
+            f"The submission {linked_to!r} is no entry of the board, {holder.id!r} takes its place; "
+            "link one that stands."
+        )
+    sheets = whole_sheets(session, [found.id], key_of_phase(phase))
+    if any(sheet.has_reminders for _, sheet in sheets):
+        raise Conflict(
+            f"The submission {linked_to!r} has reminder records of its own; link one without."
+        )
 
 
 def require_same_link(first: Submission, linked_to: str | None) -> None:

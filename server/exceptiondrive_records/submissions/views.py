@@ -228,6 +228,8 @@ def _view(
         facts=submission.facts or MethodFacts(),
         edited_at=submission.edited_at,
         linked_to=submission.linked_to,
+        reminder_effect=shown.reminder_effect if shown else None,
+        no_effect_because=_no_effect_because(submission, shown, seen),
         file_digest=submission.file_digest,
         size_bytes=submission.size_bytes,
         status=submission.status,
@@ -257,6 +259,14 @@ def _view(
         if seen.shows_pseudonyms and not team.is_reference
         else None,
     )
+
+
+def _no_effect_because(submission: Submission, shown: BoardEntry | None, seen: _Seen) -> str | None:
+    if submission.linked_to is None or shown is None or shown.reminder_effect is not None:
+        return None
+    if submission.linked_to in seen.entries:
+        return "that one has reminder records of its own"
+    return "that one is no entry of the board"
 
 
 def queue_places(

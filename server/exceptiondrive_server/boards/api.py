@@ -5,7 +5,7 @@ from urllib.parse import urlencode
 
 from fastapi import APIRouter, Path, Query, Request
 from fastapi.responses import Response
-from pydantic import Field
+from pydantic import Field, TypeAdapter
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.boards.boards import (
@@ -17,30 +17,32 @@ from exceptiondrive_records.boards.boards import (
 from exceptiondrive_records.boards.tables import BoardRow
 from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.phases.phases import shown_phase
+from exceptiondrive_records.rescoring.views import board_history
 from exceptiondrive_records.submissions.edits import edits_of_phase
 from exceptiondrive_schemas.api.problems import ProblemCode
+from exceptiondrive_schemas.api.rescoring import BoardHistoryLine
 from exceptiondrive_schemas.base import in_words
 from exceptiondrive_schemas.board import Board
-from exceptiondrive_schemas.method_facts import PhaseFacts
+from exceptiondrive_schemas.method_facts import FactsOfBoard, PhaseFacts
 from exceptiondrive_server.boards.exports import EXPORTS
 from exceptiondrive_server.boards.queries import asked_entries, facts_on, find_chosen_board
 from exceptiondrive_server.boards.query import BoardQuery, BoardQueryOf, documented
 from exceptiondrive_server.boards.reported import ReportedBoardView, reported_of
-from exceptiondrive_server.boards.selection import is_as_kept, selected_board
+from exceptiondrive_server.boards.selection import found_entries, is_as_kept, sort_entries
 from exceptiondrive_server.web.auth import (
     TOKEN_IS_OPTIONAL,
     MaybePrincipal,
     ServicesOf,
     sees_hidden,
 )
-from exceptiondrive_server.web.etag import REVALIDATED, conditional
+from exceptiondrive_server.web.etag import REVALIDATED, UNCHANGED, conditional
 from exceptiondrive_server.web.path_ids import PhaseId
 from exceptiondrive_server.web.problems import problem_responses
 from exceptiondrive_server.web.responses import origin_of
 
 router = APIRouter(tags=["boards"])
-_UNCHANGED: dict[str, Any] = {"description": "The asker's copy is the current one."}
-Limit = Annotated[int | None, Query(ge=1, le=1000, description="entries at a time")]
+Limit = Annotated[int | None, Query(ge=1, le=1000, description="so many at a time")]
+_BEGINS = "where a page begins: taken from the `Link` of the page before"
 After = Annotated[
     Annotated[
         str,
@@ -48,15 +50,15 @@ After = Annotated[
         in_words("must be taken from the `Link` of the page before"),
     ]
     | None,
-    Query(description="where a page begins: taken from the `Link` of the page before"),
+    Query(description=_BEGINS),
 ]
 _LINK = {
-    "description": 'With `limit`, if more entries follow: `<ADDRESS>; rel="next"`.',
+    "description": 'With `limit`, if more follow: `<ADDRESS>; rel="next"`.',
     "schema": {"type": "string"},
 }
 _RESPONSES: dict[int | str, dict[str, Any]] = {
     200: {"model": Board, "description": "The board; its strong ETag is the digest of its bytes."},
-    304: _UNCHANGED,
+    304: UNCHANGED,
     **problem_responses(ProblemCode.NOT_FOUND),
 }
 
@@ -91,8 +93,8 @@ def get_board(
         if is_as_kept(query) and limit is None and after is None:
             return _as_kept(request, row, max_age_s)
         board = parsed_board(row)
-        shown = selected_board(board, query, facts_on(session, board))
-    part, headers = _page_of(shown, query, int(start or 0), limit)
+        facts = facts_on(session, board)
+    part, headers = _page_of(board, query, facts, int(start or 0), limit)
     body = part.model_dump_json().encode()
     return conditional(request, body, "application/json", max_age_s=max_age_s, headers=headers)
 
@@ -113,13 +115,18 @@ def _paged_board(session: Session, query: BoardQuery, number: int) -> BoardRow:
 
 
 def _page_of(
-    board: Board, query: BoardQuery, start: int, limit: int | None
+    board: Board, query: BoardQuery, facts: FactsOfBoard, start: int, limit: int | None
 ) -> tuple[Board, dict[str, str]]:
-    end = len(board.entries) if limit is None else start + limit
-    changes = {"entries": board.entries[start:end]} | ({"comparisons": ()} if start else {})
-    part = board.model_copy(update=changes)
-    if end >= len(board.entries):
+    """Cut, then filter: what teams tell of their methods may change from page to page, no place does."""
+    is_kept = is_as_kept(query)
+    whole = board.entries if is_kept else sort_entries(board, board.entries, query.sort)
+    left = board.model_copy(update={"entries": tuple(whole[start:])})
+    found = found_entries(left, query, facts)
+    entries = tuple(found[:limit])
+    part = left.model_copy(update={"entries": entries} | ({"comparisons": ()} if start else {}))
+    if len(entries) == len(found):
         return part, {}
+    end = start + next(n for n, each in enumerate(left.entries, 1) if each is entries[-1])
     named = query.model_copy(
         update={"phase": board.phase, "board": None, "as_of": None, "protocol": None}
     )
@@ -148,7 +155,7 @@ def _as_kept(request: Request, row: BoardRow, max_age_s: int | None) -> Response
             "content": {"text/csv": {"schema": {"type": "string"}}},
             "description": "The board as CSV; each line names protocol and split by digest.",
         },
-        304: _UNCHANGED,
+        304: UNCHANGED,
         **problem_responses(ProblemCode.NOT_FOUND),
     },
     openapi_extra=documented(),
@@ -182,6 +189,45 @@ def get_facts(services: ServicesOf, query: BoardQueryOf) -> PhaseFacts:
             changed_at=edits_of_phase(session, board.phase).newest_at,
             entries=dict(facts_on(session, board)),
         )
+
+
+@router.get(
+    "/boards",
+    operation_id="listBoards",
+    response_class=Response,
+    responses={
+        200: {
+            "model": list[BoardHistoryLine],
+            "description": "From when to when each was public.",
+            "headers": {"Link": _LINK},
+        },
+        304: UNCHANGED,
+        **problem_responses(ProblemCode.NOT_FOUND),
+    },
+)
+def get_boards(
+    request: Request,
+    services: ServicesOf,
+    phase: Annotated[str, Query(max_length=64, description="id of a phase")],
+    limit: Limit = None,
+    after: Annotated[int | None, Query(ge=1, lt=2**31, description=_BEGINS)] = None,
+) -> Response:
+    """List every board that was ever public, newest first: protocol, dates, what changed.
+
+    With `limit` some at a time: the header `Link` names the next page (`rel="next"`), of those
+    before, which no newer board moves.
+    """
+    with services.database.read() as session:
+        lines = board_history(session, shown_phase(session, phase).id)
+    left = lines[-(after or len(lines)) :]
+    part = left[:limit]
+    headers = {}
+    if n_more := len(left) - len(part):
+        query = urlencode({"phase": phase, "limit": limit, "after": n_more})
+        headers["Link"] = f'</api/v1/boards?{query}>; rel="next"'
+    body = TypeAdapter(list[BoardHistoryLine]).dump_json(part, by_alias=True)
+    max_age_s = services.settings.board_max_age_s
+    return conditional(request, body, "application/json", max_age_s=max_age_s, headers=headers)
 
 
 @router.get(

@@ -229,7 +229,7 @@ BoardQueryOf = Annotated[BoardQuery, Depends(board_query_of)]
 def documented() -> dict[str, Any]:
     """Return what OpenAPI says of the fields that name a board, its entries and their order."""
     properties = BoardQuery.model_json_schema()["properties"]
-    names = ("challenge", "phase", "protocol", "as_of", "sort", "view", "source")
+    names = ("challenge", "phase", "protocol", "as_of", "board", "sort", "view", "source")
     fact = "|".join(f"{field}:{value}" for field, values in LABELS.items() for value in values)
     forms = {"facts": {"pattern": f"^({fact})(,({fact}))*$"}}
     return {

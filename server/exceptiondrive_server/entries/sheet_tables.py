@@ -4,11 +4,11 @@ from typing import NamedTuple
 
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.protocol import ProtocolDocument
-from exceptiondrive_schemas.score_sheet import MetricRow, ScoreSheet
+from exceptiondrive_schemas.score_sheet import REMINDER, MetricRow, ScoreSheet
 from exceptiondrive_server.boards.entry_facts import challenge_of, primary_metrics
 from exceptiondrive_server.web.numbers import Digits, fixed, percent, unit_of
 
-CONFUSION, SENSITIVITY, REMINDER = "confusion_", "d_safe_x", "reminder"
+CONFUSION, SENSITIVITY = "confusion_", "d_safe_x"
 _FACTORS = {
     0.5: "half the required clearance",
     1.0: "the required clearance, as it ranks",

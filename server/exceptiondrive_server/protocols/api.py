@@ -13,7 +13,8 @@ from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.taxonomy import Taxonomy
 from exceptiondrive_server.boards.queries import featured_protocol
 from exceptiondrive_server.web.auth import ServicesOf
-from exceptiondrive_server.web.etag import conditional
+from exceptiondrive_server.web.compression import takes
+from exceptiondrive_server.web.etag import UNCHANGED, conditional
 from exceptiondrive_server.web.problems import problem_responses
 
 router = APIRouter(tags=["protocols"])
@@ -52,7 +53,7 @@ def get_protocols(services: ServicesOf) -> list[ProtocolHead]:
             "content": {TOML: {"schema": {"type": "string"}}},
             "description": "The protocol, as JSON or as its TOML document.",
         },
-        304: {"description": "The asker's copy is the current one."},
+        304: UNCHANGED,
         **problem_responses(ProblemCode.NOT_FOUND),
     },
 )
@@ -62,11 +63,11 @@ def get_protocol(
     version: Annotated[str, Path(max_length=100, description="version or digest")],
     form: Annotated[
         Literal["json", "toml"] | None,
-        Query(alias="format", description="else what the Accept header prefers"),
+        Query(alias="format", description="else TOML where the Accept header takes it"),
     ] = None,
 ) -> Response:
     """Give a protocol: every constant that turns a trajectory into a score."""
-    wants_toml = form == "toml" or (form is None and TOML in request.headers.get("accept", ""))
+    wants_toml = form == "toml" or (form is None and takes(request.headers.get("accept", ""), TOML))
     with services.database.read() as session:
         protocol = shown_protocol(session, version)
         text = find_protocol_row(session, protocol.digest).toml

@@ -1,28 +1,16 @@
-"""Protocol updates, as every reader sees them: the history of boards, and applied updates."""
+"""Applied protocol updates, as every reader sees them."""
 
 from typing import Annotated
 
-from fastapi import APIRouter, Path, Query
+from fastapi import APIRouter, Path
 
-from exceptiondrive_records.phases.phases import shown_phase
-from exceptiondrive_records.rescoring.views import board_history, public_run
+from exceptiondrive_records.rescoring.views import public_run
 from exceptiondrive_schemas.api.problems import ProblemCode
-from exceptiondrive_schemas.api.rescoring import BoardHistoryLine, PublicRun
+from exceptiondrive_schemas.api.rescoring import PublicRun
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.problems import problem_responses
 
 router = APIRouter(tags=["boards"])
-
-
-@router.get(
-    "/boards", operation_id="listBoards", responses=problem_responses(ProblemCode.NOT_FOUND)
-)
-def get_boards(
-    services: ServicesOf, phase: Annotated[str, Query(max_length=64, description="id of a phase")]
-) -> list[BoardHistoryLine]:
-    """List every board that was ever public, newest first: protocol, dates, what changed."""
-    with services.database.read() as session:
-        return board_history(session, shown_phase(session, phase).id)
 
 
 @router.get(

@@ -12,7 +12,7 @@ from exceptiondrive_schemas.check.inflate import GZIP_MAGIC
 from exceptiondrive_schemas.datasheet import Datasheet
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_server.web.auth import ServicesOf
-from exceptiondrive_server.web.etag import conditional
+from exceptiondrive_server.web.etag import UNCHANGED, conditional
 from exceptiondrive_server.web.problems import problem_responses
 
 SplitName = Annotated[str, Path(max_length=64, description="name of a split")]
@@ -48,7 +48,7 @@ def get_datasheet(
             "model": Split,
             "description": "The split file; `Content-Encoding: gzip` also where nobody asked for it.",
         },
-        304: {"description": "The asker's copy is the current one."},
+        304: UNCHANGED,
         **problem_responses(ProblemCode.NOT_FOUND),
     },
 )

@@ -37,6 +37,7 @@ from exceptiondrive_server.submissions.upload import (
     upload_body,
 )
 from exceptiondrive_server.web.auth import Reader, ServicesOf, Submitter, own_team
+from exceptiondrive_server.web.etag import UNCHANGED
 from exceptiondrive_server.web.path_ids import SubmissionId
 from exceptiondrive_server.web.problems import QUOTA_HEADERS, problem_responses, quota_headers
 from exceptiondrive_server.web.services import Services
@@ -96,10 +97,10 @@ async def submit(
     """Take an upload. It is kept before the answer is sent; workers read and score it later.
 
     The same bytes again give the first submission (200) and cost no quota, unless that one was
-    withdrawn. With an
-    `Idempotency-Key` the same upload, sent again within 24 hours, is answered as the first time
-    (202), even where the submission was withdrawn meanwhile; the key with other bytes is refused
-    (409). A key is 1 to 255 visible ASCII characters.
+    withdrawn; with another method, description, link, `facts` or `linked_to` than it has they are
+    refused (409). With an `Idempotency-Key` the same upload, sent again within 24 hours, is answered
+    as the first time (202), even where the submission was withdrawn meanwhile; the key with other
+    bytes, or in another phase, is refused (409). A key is 1 to 255 visible ASCII characters.
 
     Scores and ranks of a submission that was there before are told to a token with `read:own` alone;
     so it is where a submission is changed, withdrawn, confirmed, chosen or published.
@@ -188,12 +189,15 @@ def get_submission(
             "content": {"application/octet-stream": {}},
             "description": "The bytes that were sent; the ETag is their digest.",
         },
+        304: UNCHANGED,
         **_OF_OWN,
     },
 )
-def get_file(services: ServicesOf, principal: Reader, submission_id: SubmissionId) -> Response:
+def get_file(
+    request: Request, services: ServicesOf, principal: Reader, submission_id: SubmissionId
+) -> Response:
     """Give a team its own upload again, bit by bit; another team's is not found."""
-    return own_upload(services, principal, submission_id)
+    return own_upload(request, services, principal, submission_id)
 
 
 @router.patch("/{submission_id}", operation_id="editSubmission", responses=_OF_REPLACING)

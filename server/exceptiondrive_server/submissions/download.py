@@ -7,6 +7,7 @@ from datetime import UTC, datetime
 from tempfile import TemporaryFile
 from typing import IO
 
+from fastapi import Request
 from fastapi.responses import Response, StreamingResponse
 from pydantic import BaseModel
 
@@ -22,6 +23,7 @@ from exceptiondrive_records.teams.teams import find_team
 from exceptiondrive_schemas.api.submission import SubmissionStatus, SubmissionView
 from exceptiondrive_schemas.check.inflate import GZIP_MAGIC
 from exceptiondrive_server.web.auth import team_of
+from exceptiondrive_server.web.etag import conditional
 from exceptiondrive_server.web.responses import SECURITY_HEADERS
 from exceptiondrive_server.web.services import Services
 
@@ -46,7 +48,9 @@ class ArchiveManifest(BaseModel):
     files: tuple[ArchivedFile, ...]
 
 
-def own_upload(services: Services, principal: Principal, submission_id: str) -> Response:
+def own_upload(
+    request: Request, services: Services, principal: Principal, submission_id: str
+) -> Response:
     """Return the very bytes that the team sent; the file is named by the submission alone.
 
     Raises:
@@ -56,10 +60,12 @@ def own_upload(services: Services, principal: Principal, submission_id: str) -> 
     """
     with services.database.read() as session:
         found = find_submission(session, submission_id, team_id=team_of(principal))
-    return _given(services, found)
+    return _given(request, services, found)
 
 
-def any_upload(services: Services, principal: Principal, submission_id: str) -> Response:
+def any_upload(
+    request: Request, services: Services, principal: Principal, submission_id: str
+) -> Response:
     """Return an upload of any team to an organizer; the audit log says who had it.
 
     Raises:
@@ -68,19 +74,20 @@ def any_upload(services: Services, principal: Principal, submission_id: str) -> 
     """
     with services.database.read() as session:
         found = find_submission(session, submission_id)
-    answer = _given(services, found)
+    answer = _given(request, services, found)
     with services.database.write() as session:
         audit(session, principal.actor, "upload downloaded", submission_id)
     return answer
 
 
-def _given(services: Services, found: Submission) -> Response:
+def _given(request: Request, services: Services, found: Submission) -> Response:
     data = services.files.read(found.file_digest, limit_bytes=found.size_bytes)
-    return Response(
+    return conditional(
+        request,
         data,
-        media_type="application/octet-stream",
-        headers=attachment(f"exceptiondrive-{found.id}{suffix_of(data)}")
-        | {"ETag": f'"{found.file_digest}"'},
+        "application/octet-stream",
+        etag=found.file_digest,
+        headers=attachment(f"exceptiondrive-{found.id}{suffix_of(data)}"),
     )
 
 

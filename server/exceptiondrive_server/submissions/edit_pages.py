@@ -64,7 +64,7 @@ def post_edit(browser: Browser, form: PostedForm, submission_id: SubmissionId) -
 def download(browser: Browser, submission_id: SubmissionId) -> Response:
     """Give a team its own upload again."""
     require_scope(browser, Scope.READ_OWN)
-    return own_upload(browser.services, browser.principal, submission_id)
+    return own_upload(browser.request, browser.services, browser.principal, submission_id)
 
 
 def _page(

@@ -2,7 +2,7 @@
 
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Path, Query
+from fastapi import APIRouter, Path, Query, Request
 from fastapi.responses import Response
 from pydantic import Field
 
@@ -20,6 +20,7 @@ from exceptiondrive_schemas.api.submission import SubmissionStatus, SubmissionVi
 from exceptiondrive_server.submissions.download import any_upload, archive
 from exceptiondrive_server.submissions.story import SubmissionStory, story_folder, story_of
 from exceptiondrive_server.web.auth import Organizer, ServicesOf
+from exceptiondrive_server.web.etag import UNCHANGED
 from exceptiondrive_server.web.forms import Deed, Form
 from exceptiondrive_server.web.path_ids import SubmissionId
 
@@ -63,11 +64,13 @@ def get_story(services: ServicesOf, submission_id: SubmissionId) -> SubmissionSt
     "/submissions/{submission_id}/file",
     operation_id="downloadUpload",
     response_class=Response,
-    responses={200: {"content": {"application/octet-stream": {}}}},
+    responses={200: {"content": {"application/octet-stream": {}}}, 304: UNCHANGED},
 )
-def get_file(services: ServicesOf, organizer: Organizer, submission_id: SubmissionId) -> Response:
+def get_file(
+    request: Request, services: ServicesOf, organizer: Organizer, submission_id: SubmissionId
+) -> Response:
     """Give the bytes that a team sent; the audit log says who had them."""
-    return any_upload(services, organizer, submission_id)
+    return any_upload(request, services, organizer, submission_id)
 
 
 @router.get(

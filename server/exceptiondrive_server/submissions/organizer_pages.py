@@ -145,7 +145,7 @@ def show_submission(browser: OrganizerBrowser, submission_id: SubmissionId) -> R
 @router.get("/submissions/{submission_id}/file")
 def get_file(browser: OrganizerBrowser, submission_id: SubmissionId) -> Response:
     """Give the bytes that the team sent."""
-    return any_upload(browser.services, browser.principal, submission_id)
+    return any_upload(browser.request, browser.services, browser.principal, submission_id)
 
 
 @router.get("/submissions/{submission_id}/folder")

@@ -150,7 +150,7 @@ def _submit_page(
             "team": team,
             "phases": open_phases,
             "standing": [one for one in stand if one.is_published and not one.disqualified_at],
-            "counterparts": [one for one in stand if CHALLENGES[one.challenge].counterpart],
+            "counterparts": [one for one in stand if _may_be_linked(one)],
             "wanted": wanted,
             "sent": sent,
             "sees_own": Scope.READ_OWN in browser.principal.scopes,
@@ -188,6 +188,11 @@ def _submit_page(
 
 def _may_submit(who: Principal) -> bool:
     return Scope.SUBMIT in who.scopes and not who.team_is_pending
+
+
+def _may_be_linked(one: SubmissionView) -> bool:
+    has_reminders = one.sheet is not None and one.sheet.has_reminders
+    return CHALLENGES[one.challenge].counterpart is not None and not has_reminders
 
 
 def _only_submits(who: Principal) -> bool:
@@ -328,6 +333,7 @@ def _submission(
         edits=edits,
         form_token=browser.form_token if Scope.SUBMIT in browser.principal.scopes else None,
         actions=actions_of(seen, phase.policy, has_closed=ended, can_publish=is_publishing),
+        counterpart=CHALLENGES[seen.challenge].counterpart,
         can_withdraw=seen.status not in without_score,
         can_send_again=seen.status in (SubmissionStatus.REJECTED, SubmissionStatus.WITHDRAWN)
         and not (ended or seen.is_asked or seen.confirmed_as),

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from markupsafe import Markup, escape
 
-from exceptiondrive_schemas.api.own_entries import question_of
+from exceptiondrive_schemas.api.own_entries import link_words, question_of
 from exceptiondrive_schemas.api.phase_settings import PhasePolicy, RunRule
 from exceptiondrive_schemas.api.submission import (
     QueuePlace,
@@ -145,6 +145,8 @@ def policy_sentences(
         yield "The next board is being built; the rank is awaited."
     if seen.unranked_because is not None:
         yield f"It has no rank: {seen.unranked_because}."
+    if seen.linked_to is not None:
+        yield link_words(seen)
     if seen.is_chosen:
         once = "" if seen.is_published else "once it is public, "
         yield f"The team chose it: {once}it stands on the board."

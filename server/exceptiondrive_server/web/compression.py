@@ -17,9 +17,14 @@ LEVEL = 4
 
 def takes_gzip(accept_encoding: str) -> bool:
     """Whether an asker takes gzip (RFC 9110 section 12.5.3)."""
-    for part in accept_encoding.lower().split(","):
+    return takes(accept_encoding, "gzip", "*")
+
+
+def takes(accepted: str, *names: str) -> bool:
+    """Whether an asker takes what goes by one of these names in a header (RFC 9110 section 12.4.2)."""
+    for part in accepted.lower().split(","):
         name, _, quality = part.partition(";")
-        if name.strip() in ("gzip", "*"):
+        if name.strip() in names:
             return quality.replace(" ", "") not in ("q=0", "q=0.0", "q=0.00", "q=0.000")
     return False
 

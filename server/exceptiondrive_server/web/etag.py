@@ -2,6 +2,7 @@
 
 import hashlib
 from collections.abc import Callable, Mapping
+from typing import Any
 
 from fastapi import Request
 from fastapi.responses import Response
@@ -16,6 +17,9 @@ server answers.
 """
 REVALIDATED = {**PROXY_KEEPS, "Cache-Control": "no-cache"}
 """For what never changes at its address, but may be taken back: browsers ask, and get a 304."""
+
+UNCHANGED: dict[str, Any] = {"description": "The asker's copy is the current one."}
+"""How OpenAPI describes the 304 of a route that answers by `conditional`."""
 
 
 def conditional(

@@ -33,10 +33,10 @@ _WORDS = {
     "rank": Term(
         "Rank and its range",
         "The rank is by the metric that the protocol names first, then by the next; equal numbers share "
-        "a rank. A range such as 1\u20133 beside it says which ranks the planner could have, given how much the scenes vary: "
+        "a rank. A range such as 1\u20133 beside it says which ranks the entry could have, given how much the scenes vary: "
         "other scenes of the same kind could have put it anywhere in there. Of a withheld split it follows "
         "from the intervals as they are told, so it can be wider than a comparison sample by sample says. "
-        "Each pair is judged by itself: of many planners that are nearly equal some have a range that is too "
+        "Each pair is judged by itself: of many entries that are nearly equal some have a range that is too "
         "narrow, at times the truly best one a range without 1.",
     ),
     "interval": Term(

@@ -56,6 +56,7 @@ def test_a_range_of_ranks_that_is_wider_than_a_comparison_is_explained() -> None
     meaning = TERMS["rank"].meaning
     assert "Of a withheld split it follows from the intervals as they are told" in meaning
     assert "Each pair is judged by itself" in meaning
+    assert "planner" not in meaning, "it stands on boards of every challenge"
 
 
 def test_a_bar_that_no_draw_makes_is_explained() -> None:

@@ -112,6 +112,7 @@ async def test_the_quick_start_shows_real_commands_of_an_open_phase(lively_site:
     assert "exceptiondrive.planning/1" in text
     assert "exceptiondrive.strategy/1" in text
     assert "/api/v1/schemas/planning" in text
+    assert "exceptiondrive remind" not in text
 
 
 async def test_the_quick_start_of_the_strategy_challenge_speaks_of_answers(shown_site: Any) -> None:
@@ -120,6 +121,7 @@ async def test_the_quick_start_of_the_strategy_challenge_speaks_of_answers(shown
     assert "StrategyRecorder" in text
     start = text[text.index("<h1") : text.index('id="hp"')]
     assert "planner" not in start
+    assert "<code>exceptiondrive remind</code> and <code>exceptiondrive decide</code>" in start
     assert '<a href="/submit?phase=strategy" aria-current="true">Strategy</a>' in text
     assert '<a href="/submit?phase=sample">Planning</a>' in text
 

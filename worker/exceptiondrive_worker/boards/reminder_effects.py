@@ -5,9 +5,8 @@ is kept under the hash of what made it, so a new entry on the board repeats none
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
 
-from exceptiondrive_records.boards.standings import EntryRecord, LinkedRecord
+from exceptiondrive_records.boards.standings import EntryRecord
 from exceptiondrive_schemas.base import canonical_json
 from exceptiondrive_schemas.board import ReminderEffect
 from exceptiondrive_schemas.challenges import Challenge
@@ -20,7 +19,7 @@ from exceptiondrive_worker.boards.comparisons import (
 )
 from exceptiondrive_worker.boards.rounding import Rounding
 from exceptiondrive_worker.splits.private_store import Shelf, content_key
-from exceptiondrive_worker.stages import Stages, Target
+from exceptiondrive_worker.stages import Stages
 
 _VERDICTS = {
     "A is better": "better with the reminder",
@@ -33,21 +32,26 @@ _VERDICTS = {
 def reminder_effects(
     stages: Stages, entries: Sequence[Standing], rounding: Rounding
 ) -> list[ReminderEffect | None]:
-    """Return the published effect of each entry of one board, in order; None where nothing is linked."""
-    return [
-        None if record.linked is None else _effect(stages, target, record, record.linked, rounding)
+    """Return the published effect of each entry of one board, in order.
+
+    None where it is linked to no entry of the board, or to one that has reminder records of its own.
+    """
+    plain = {
+        record.submission_id: (target, record)
         for target, record in entries
+        if not record.sheet.has_reminders
+    }
+    found = (plain.get(record.linked_to or "") for _, record in entries)
+    return [
+        None if without_it is None else _effect(stages, with_it, without_it, rounding)
+        for with_it, without_it in zip(entries, found, strict=True)
     ]
 
 
 def _effect(
-    stages: Stages,
-    target: Target,
-    record: EntryRecord,
-    linked: LinkedRecord,
-    rounding: Rounding,
+    stages: Stages, with_it: Standing, without_it: Standing, rounding: Rounding
 ) -> ReminderEffect:
-    other = replace(target, file_digest=linked.file_digest, read_under=linked.accepted_under)
+    (target, record), (other, linked) = with_it, without_it
     key = content_key(
         "effect/3",
         stages.scene_sums_key(target, record.measurement_key),
@@ -59,9 +63,13 @@ def _effect(
     )
     effect = stages.private.read_document(Shelf.EFFECTS, key, ReminderEffect)
     if effect is None:
-        with_it = stages.sample_scores(target, record.measurement_key)
-        without = stages.sample_scores(other, linked.measurement_key)
-        compared = compare(with_it, without, target.split.arrays, target.protocol, target.challenge)
+        compared = compare(
+            stages.sample_scores(target, record.measurement_key),
+            stages.sample_scores(other, linked.measurement_key),
+            target.split.arrays,
+            target.protocol,
+            target.challenge,
+        )
         effect = exact_effect(compared, linked)
         stages.private.write(Shelf.EFFECTS, key, canonical_json(effect))
     headline = target.protocol.grading.headline
@@ -69,7 +77,7 @@ def _effect(
     return published_effect(effect, target.challenge, rounding, rows)
 
 
-def exact_effect(compared: Comparison, linked: LinkedRecord) -> ReminderEffect:
+def exact_effect(compared: Comparison, linked: EntryRecord) -> ReminderEffect:
     """Put a comparison of an entry (A) with its counterpart (B) in the words of a board."""
     return ReminderEffect(
         without=linked.submission_id,
