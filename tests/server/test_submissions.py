@@ -12,6 +12,7 @@ from tests.support.application import entry
 from exceptiondrive_records.submissions.submissions import KEYS_ARE_KEPT
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_schemas.api.submission import SubmissionPage, SubmissionView
+from exceptiondrive_schemas.board import ReminderEffect
 
 if TYPE_CHECKING:
     from tests.support.application import Api
@@ -155,7 +156,9 @@ def test_a_token_that_may_only_submit_is_told_neither_scores_nor_ranks(
 ) -> None:
     (own,) = submit_all(api, "alpha", "a")
     api.score(own)
-    api.publish(entry("Planner", submission_id=own))
+    effect = ReminderEffect(without="b", without_method="Plain", differences={})
+    row = entry("Planner", submission_id=own).model_copy(update={"reminder_effect": effect})
+    api.publish(row)
     api.tokens["ci"] = api.post(
         "/organizer/teams/alpha/tokens", "organizer", json={"name": "ci", "scopes": ["submit"]}
     ).json()["token"]
@@ -169,9 +172,11 @@ def test_a_token_that_may_only_submit_is_told_neither_scores_nor_ranks(
 
     for told in answers("alpha"):
         assert (told.json()["rank"], told.json()["sheet"]["micro"]["hcc"]) == (1, 0.5)
+        assert told.json()["reminder_effect"]["without"] == "b"
     for told in answers("ci"):
         assert (told.status_code, told.json()["status"]) == (200, "scored")
-        assert [told.json()[field] for field in ("rank", "rank_interval", "sheet")] == [None] * 3
+        results = ("rank", "rank_interval", "sheet", "reminder_effect")
+        assert [told.json()[field] for field in results] == [None] * 4
         assert told.json()["intervals"] == {}
     withdrawn = api.post(f"/submissions/{own}/withdraw", "ci")
     assert withdrawn.json()["status"] == "withdrawn"

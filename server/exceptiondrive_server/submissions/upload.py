@@ -57,6 +57,8 @@ _NO_RESULTS: dict[str, Any] = {
     "rank_interval": None,
     "intervals": {},
     "unranked_because": None,
+    "reminder_effect": None,
+    "no_effect_because": None,
     "replaced_by": None,
 }
 _ASKED_OF_READERS = ("What is asked may name scores: a token with the scope read:own is told it.",)
