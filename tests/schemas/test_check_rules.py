@@ -198,6 +198,8 @@ def test_no_hint_leads_a_strategy_file_to_convert_which_reads_trajectories_alone
             told = check(text.encode(), protocol=protocol, manifest=manifest, challenge=challenge)
             found = [fault.hint for group in told.report.faults for fault in group.examples]
             assert set(found) == {hint}, text[:40]
+    wide = check(sound.encode("utf-16"), protocol=protocol, challenge=STRATEGY.id).report
+    assert wide.faults[0].examples[0].hint is None
     of_pairs = check(json.dumps(planning["predictions"]).encode(), protocol=protocol).report
     assert "`exceptiondrive convert FILE" in str(of_pairs.faults[0].examples[0].hint)
 

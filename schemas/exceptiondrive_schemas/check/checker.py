@@ -620,6 +620,8 @@ def check(
         foretells_rank: Whether to say why it would not be ranked; a score, if it follows, tells that better.
     """
     faults = FaultList()
+    wanted = (manifest and manifest.challenge) or challenge
+    faults.is_converted = wanted != STRATEGY.id
     try:
         text = inflate(
             data, max_upload_bytes=max_upload_bytes, max_inflated_bytes=max_inflated_bytes
@@ -628,7 +630,8 @@ def check(
         hint = convert_advice(manifest) if error.got in CONVERTIBLE else None
         faults.add(error.code, (), expected=error.expected, got=error.got, hint=hint)
         return Checked(_report(data, faults), None)
-    faults.is_converted = not _has_strategies(text, (manifest and manifest.challenge) or challenge)
+    if b'"strategy"' in text and b'"edited"' not in text:  # however wrong: no conversion makes one
+        faults.is_converted = False
     reader = SubmissionReader(
         _without_byte_order_mark(text, faults),
         protocol=protocol,
@@ -639,11 +642,6 @@ def check(
     )
     document = reader.read()
     return Checked(_report(data, faults, reader), document)
-
-
-def _has_strategies(text: bytes, wanted: ChallengeId | None) -> bool:
-    """Whether it is a strategy file, however wrong: no conversion makes one."""
-    return wanted == STRATEGY.id or (b'"strategy"' in text and b'"edited"' not in text)
 
 
 def _without_byte_order_mark(text: bytes, faults: FaultList) -> bytes:
