@@ -348,7 +348,7 @@ def _leave_out_start(work: _Work) -> bool:
     given = [points for _, points in work.given()]
     sides = ((pair.source for pair in work.pairs), (pair.edited for pair in work.pairs))
     moving = [
-        [_is_start(points) for points in side if points and math.hypot(*points[-1]) > MOVES_M]
+        [_stands_first(points) for points in side if points and math.hypot(*points[-1]) > MOVES_M]
         for side in sides
     ]
     told = [begins for begins in moving if len(begins) >= MIN_COMPARED]
@@ -377,6 +377,11 @@ def _leave_out_start(work: _Work) -> bool:
 
 def _is_start(points: Waypoints) -> bool:
     return math.hypot(*points[0]) <= AT_ORIGIN_M
+
+
+def _stands_first(points: Waypoints) -> bool:
+    """Whether the first point is no step of its own: from rest the second is four times as far, else twice."""
+    return _is_start(points) and math.hypot(*points[0]) <= math.hypot(*points[1]) / 10
 
 
 def _fit_horizon(work: _Work, beside: str) -> None:

@@ -134,6 +134,17 @@ def test_t_0_is_no_waypoint_where_none_is_to_spare(step_s: float, n: int) -> Non
             assert "30 trajectories are wrong, the first: 1: edited begins" in sentence
 
 
+@pytest.mark.parametrize(("step_s", "power", "metres"), [(0.1, 2, 1.0), (0.01, 1, 4.5)])
+def test_a_first_step_that_is_short_is_no_t_0(step_s: float, power: int, metres: float) -> None:
+    """Thirty cars that pull away at 2 m/s2, seen ten times a second; or at 4.5 m/s, a hundred times."""
+    times_s = [step_s * number for number in range(1, round(3.0 / step_s) + 1)]
+    points = tuple((metres * time_s**power, 0.0) for time_s in times_s)
+    pairs = tuple(pair(points, str(number)) for number in range(30))
+    result = convert(pairs, replace(PLAN, time_step_s=step_s, truncate=True))
+    assert result.pairs[0].source is not None
+    assert result.pairs[0].source[0] == pytest.approx((metres * 0.5**power, 0.0))
+
+
 def test_the_few_that_do_not_begin_at_t_0_are_named() -> None:
     plan = replace(PLAN, time_step_s=0.5, truncate=True)
     given = drives(0.5, 8)

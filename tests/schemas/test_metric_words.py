@@ -43,8 +43,8 @@ def _standing(**changes: Any) -> Standing:
     [
         ({}, {"hpr": 0.1813}, ", HPR 18.13 % (was 18.24 %)"),
         ({}, {"hpr": None}, ", HPR none (was 18.24 %)"),
-        ({}, {"cts": 1.0}, ", other columns change"),
-        ({}, {"hcc": 0.65474}, ", other columns change"),
+        ({}, {"cts": 1.0}, ", a number that is not shown here changes"),
+        ({}, {"hcc": 0.65474}, ", a number that is not shown here changes"),
         ({"ur": 0.3}, {"hpr": 0.1813}, ""),
     ],
 )

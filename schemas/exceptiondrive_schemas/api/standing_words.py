@@ -55,7 +55,7 @@ def other_changes(
                 yield f"{metric.label} {now} (was {was})"
                 is_named = True
     if not is_named:
-        yield "other columns change"
+        yield "a number that is not shown here changes"
 
 
 def _words(challenge: Challenge | None, standing: Standing | None) -> list[str]:
