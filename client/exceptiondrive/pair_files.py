@@ -35,7 +35,6 @@ from exceptiondrive.waypoint_rows import (
     unless_missing,
 )
 from exceptiondrive_schemas.challenges import PLANNING
-from exceptiondrive_schemas.check.checker import FROM_YAML, is_yaml
 from exceptiondrive_schemas.check.inflate import (
     CONVERTIBLE,
     GZIP_MAGIC,
@@ -289,8 +288,6 @@ def _pairs_of(path: Path, splits: set[str], mode: int | None, on_form: OnForm) -
     if wide_encoding(data) or data.startswith(codecs.BOM_UTF8):
         on_form("text with a byte order mark, or in another encoding than UTF-8")
     text = read_text(path, data)
-    if is_yaml(text.encode()):
-        raise fault(path, f"looks like YAML: {FROM_YAML}.")
     if not text.lstrip().startswith(("{", "[")):
         on_form("CSV")
         yield from _pairs_of_csv(path, text)

@@ -24,7 +24,6 @@ from tests.support.extract import Path6, make_extract
 
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.check import check
-from exceptiondrive_schemas.check.checker import FROM_YAML
 from exceptiondrive_schemas.check.transformations import (
     at_times,
     mirrored,
@@ -476,12 +475,6 @@ def by_side() -> bytes:
     )
 
 
-def as_yaml(document: Document) -> bytes:
-    """The same document as YAML, a prediction a line."""
-    head = f"schema: {document['schema']}\nsplit: {document['split']}\npredictions:\n"
-    return (head + "".join(f"- {json.dumps(each)}\n" for each in document["predictions"])).encode()
-
-
 def in_columns() -> bytes:
     columns = ("sample_id", "source", "edited")
     return as_bytes({key: [each[key] for each in predictions()] for key in columns})
@@ -600,11 +593,6 @@ MORE: dict[str, Row] = {
         ),
         {"wrong_type": f"{N} values"},
         ["take the ids from the manifest; a number"],
-    ),
-    "a Markdown fence": Row(
-        lambda: b"```json\n" + as_bytes(sound()) + b"\n```\n",
-        {"wrong_file_kind": "1 fault"},
-        ["remove the lines that begin with ```"],
     ),
     "a pointer of Git LFS": Row(
         lambda: b"version https://git-lfs.github.com/spec/v1\noid sha256:aa\nsize 12\n",
@@ -870,16 +858,6 @@ OWN: dict[str, Row] = {
         lambda: named(str.upper),
         {"unknown_sample": f"{N} samples"},
         ["take the ids from the split's manifest", f'did you mean "{next(iter(DRIVES))}"?'],
-    ),
-    "YAML": Row(
-        lambda: as_yaml(sound()),
-        {"not_json": "1 fault"},
-        [f"looks like YAML: {FROM_YAML}", "json.dump(yaml.safe_load(open(FILE))"],
-    ),
-    "a list as YAML": Row(
-        lambda: b"---\n# of my planner\n- sample_id: a\n  source: null\n  edited: null\n",
-        {"not_json": "1 fault"},
-        [f"looks like YAML: {FROM_YAML}"],
     ),
     "CSV without its header": Row(
         lambda: b"\n".join(as_csv().splitlines()[1:]),

@@ -170,14 +170,6 @@ OTHER_NAMES: Mapping[str, tuple[str, ...]] = {
     "edited": ("edit", "counterfactual", "hazard", "after", "target"),
     "strategy": ("answer", "action", "decision"),
 }
-YAML = re.compile(
-    rb"(?:---[^\n]*\n|[ \t]*(?:#[^\n]*)?\n)*(?:- +)?(?:schema|split|predictions|sample_id) *:"
-)
-"""How our documents begin as YAML, perhaps behind `---`, comments and empty lines."""
-FROM_YAML = (
-    "only JSON is taken; where PyYAML is, write json.dump(yaml.safe_load(open(FILE)), "
-    'open("planner.json", "w"))'
-)
 BARE_LIST = re.compile(rb"\s*(?:\[\s*){1,2}\{")
 """What a list of predictions begins with, also where `cat` made one file of several."""
 ROOT_OF_JSON = re.compile(rb"^[ \t]*\{\s*\"(?:schema|split|predictions)\"", re.MULTILINE)
@@ -196,11 +188,6 @@ def two_runs_advice(manifest: Manifest | None) -> str:
         "with that on the edited inputs it becomes a submission: `exceptiondrive convert "
         f"--source-run FILE --edited-run FILE --split {name}`"
     )
-
-
-def is_yaml(data: bytes) -> bool:
-    """Whether a file is one of our documents, or a list of predictions, as YAML."""
-    return YAML.match(data[:MAX_HEADER_BYTES]) is not None
 
 
 def meant_key(written: str, absent: Collection[str]) -> str | None:
@@ -564,8 +551,6 @@ class SubmissionReader:
         if self._data.lstrip().startswith((b"{", b"[")):
             is_cut = not self._data.rstrip().endswith((b"}", b"]"))
             return "it stops before its end; was the copy cut off?" if is_cut else None
-        if is_yaml(self._data):
-            return f"looks like YAML: {FROM_YAML}"
         first_line = self._data[:MAX_HEADER_BYTES].splitlines()[0]
         for delimiter, name in CSV_DELIMITERS.items():
             if first_line.count(delimiter) < MIN_CSV_DELIMITERS:
