@@ -482,11 +482,12 @@ def in_columns() -> bytes:
 
 CONVERT = "`exceptiondrive convert FILE"
 WITH_SPLIT = f"{CONVERT} --split extract`"
+ONE_A_SAMPLE = "write a list of predictions, one object a sample"
 MORE: dict[str, Row] = {
     "all under one key": Row(
         lambda: as_bytes({"results": sound()}),
         {"wrong_type": "1 value"},
-        ['everything under the key "results"', WITH_SPLIT],
+        ['everything under the key "results"', "write what is under it alone"],
     ),
     "results beside their meta data": Row(
         lambda: as_bytes(
@@ -496,38 +497,20 @@ MORE: dict[str, Row] = {
             }
         ),
         {"wrong_type": "1 value"},
-        ['everything under the key "results"', WITH_SPLIT],
-    ),
-    "all under two keys": Row(
-        lambda: as_bytes({"run": {"results": sound()}}),
-        {"wrong_type": "1 value"},
-        ['everything under the key "run"', WITH_SPLIT],
-    ),
-    "a list under two keys": Row(
-        lambda: as_bytes({"run": {"seed": [1], "results": predictions()}, "config": {"lr": 0.1}}),
-        {"wrong_type": "1 value"},
-        ['everything under the key "run"', WITH_SPLIT],
-    ),
-    "predictions under two keys": Row(
-        lambda: as_bytes(
-            {key: sound()[key] for key in ("schema", "split")}
-            | {"run": {"results": {"predictions": predictions()}}}
-        ),
-        {"unknown_key": "1 key", "missing_key": "1 key"},
-        ['are they under "run"?', f"{CONVERT}` renames it"],
+        ['everything under the key "results"', "write what is under it alone"],
     ),
     "predictions by another name": Row(
         lambda: as_bytes(
             {"results" if key == "predictions" else key: value for key, value in sound().items()}
         ),
         {"unknown_key": "1 key", "missing_key": "1 key"},
-        ['are they under "results"?', f"{CONVERT}` renames it"],
+        ['are they under "results"? Call it predictions'],
     ),
     "each side by sample id": Row(
-        by_side, {"wrong_type": "1 value"}, ["2 values under other keys", WITH_SPLIT]
+        by_side, {"wrong_type": "1 value"}, ["2 values under other keys", ONE_A_SAMPLE]
     ),
     "columns": Row(
-        in_columns, {"wrong_type": "1 value"}, ["3 values under other keys", WITH_SPLIT]
+        in_columns, {"wrong_type": "1 value"}, ["3 values under other keys", ONE_A_SAMPLE]
     ),
     "UTF-16 without a mark": Row(
         lambda: as_bytes(sound()).decode().encode("utf-16-le"),
