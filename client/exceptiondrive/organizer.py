@@ -302,25 +302,20 @@ class Organizer(Connection):
         *,
         actor: str | None = None,
         subject: str | None = None,
-        by_people: bool = False,
         since: str | None = None,
-        until: str | None = None,
         action: str | None = None,
         before: int | None = None,
     ) -> list[Record]:
-        """Return the newest lines of the audit log; `by_people` leaves out what the machinery writes.
+        """Return the newest lines of the audit log.
 
         At most 500 come at once: `before` is the id of a line, and asks for those that are older.
-        `since` is a time such as `2027-01-31T00:00:00Z`, or a day; `until` one before which lines are,
-        or a day that is taken in.
+        `since` is a time such as `2027-01-31T00:00:00Z`, or a day.
         """
         query = {
             "limit": limit,
             "actor": actor,
             "subject": subject,
-            "by_people": "true" if by_people else None,
             "since": since,
-            "until": until,
             "action": action,
             "before": before,
         }

@@ -1,7 +1,7 @@
 """Read pairs of trajectories in the forms that people write.
 
-JSON: a submission file, a bare list of its predictions, an object by sample id, or columns; any of
-these under further keys. JSON lines: one prediction a line; a recorder's journal is such a file.
+JSON: a submission file, a bare list of its predictions, or an object by sample id. JSON lines: one
+prediction a line; a recorder's journal is such a file.
 CSV with commas, semicolons or tabs: one waypoint a row, with the header
 `sample_id,trajectory,step,x_m,y_m` and perhaps `heading_rad`; `trajectory` is `source` or `edited`.
 Parquet: those columns, or a prediction a row, its lists in `source` and `edited`. NPZ: `sample_id`
@@ -35,7 +35,6 @@ from exceptiondrive.waypoint_rows import (
     unless_missing,
 )
 from exceptiondrive_schemas.challenges import PLANNING
-from exceptiondrive_schemas.check.checker import FROM_YAML, is_yaml
 from exceptiondrive_schemas.check.inflate import (
     CONVERTIBLE,
     GZIP_MAGIC,
@@ -49,8 +48,6 @@ from exceptiondrive_schemas.check.trajectory_forms import (
     point_in,
 )
 
-KEYS_DEEP = 3
-"""Under so many keys that are none of ours predictions are looked for."""
 OUR_SCHEMAS = "exceptiondrive."
 CSV_DELIMITERS = ",;\t"
 NPZ_MAGIC, NPY_MAGIC = b"PK\x03\x04", b"\x93NUMPY"
@@ -289,8 +286,6 @@ def _pairs_of(path: Path, splits: set[str], mode: int | None, on_form: OnForm) -
     if wide_encoding(data) or data.startswith(codecs.BOM_UTF8):
         on_form("text with a byte order mark, or in another encoding than UTF-8")
     text = read_text(path, data)
-    if is_yaml(text.encode()):
-        raise fault(path, f"looks like YAML: {FROM_YAML}.")
     if not text.lstrip().startswith(("{", "[")):
         on_form("CSV")
         yield from _pairs_of_csv(path, text)
@@ -315,7 +310,8 @@ def _predictions(path: Path, text: str, splits: set[str], on_form: OnForm) -> It
     if not all(isinstance(value, dict) and "predictions" in value for value in values):
         on_form("predictions in another form than that of a submission")
     for value in values:
-        value = _unwrapped(value)
+        if isinstance(value, dict) and not {"sample_id", "predictions", *SIDES} & value.keys():
+            _require_own_keys(path, value)
         if isinstance(value, dict) and ("schema" in value or "predictions" in value):
             schema = value.get("schema", PLANNING.file_schema)
             if schema != PLANNING.file_schema:
@@ -330,61 +326,24 @@ def _predictions(path: Path, text: str, splits: set[str], on_form: OnForm) -> It
             if not isinstance(predictions, list | dict):
                 raise fault(path, "predictions must be a list, or an object by sample id.")
             yield from _listed(path, predictions)
-        elif isinstance(value, dict) and isinstance(value.get("sample_id"), list):
-            yield from _of_columns(path, value)
-        elif isinstance(value, dict) and all(isinstance(value.get(side), dict) for side in SIDES):
-            yield from _of_sides(path, value)
         elif isinstance(value, dict) and not {"sample_id", *SIDES} & value.keys():
             yield from _listed(path, value)
         else:
             yield value
 
 
-def _unwrapped(value: Any) -> Any:
-    """Return what a submission is under, where it stands under keys that are none of ours."""
-    if not isinstance(value, dict) or {"sample_id", "predictions", *SIDES} & value.keys():
-        return value
-    inner = {
-        key: each
-        for key, each in value.items()
-        if (isinstance(each, list) and all(isinstance(first, dict | list) for first in each[:1]))
-        or (isinstance(each, dict) and _holds_predictions(each))
-    }
-    if len(inner) != 1:
-        return value
-    (found,) = inner.values()
-    found = _unwrapped(found)
-    named = {own: value[own] for own in ("schema", "split") if own in value}
-    if isinstance(found, dict) and (not named or "predictions" in found):
-        return {**named, **found}
-    return {**named, "predictions": found}
-
-
-def _holds_predictions(value: dict[str, Any], deeper: int = KEYS_DEEP - 1) -> bool:
-    firsts = (each[0] if isinstance(each, list) and each else each for each in value.values())
-    return "predictions" in value or any(
-        isinstance(each, dict)
-        and (not each.keys().isdisjoint(SIDES) or (deeper and _holds_predictions(each, deeper - 1)))
-        for each in firsts
-    )
-
-
-def _of_columns(path: Path, columns: dict[str, Any]) -> Iterator[dict[str, Any]]:
-    """Yield predictions of columns, one value a sample."""
-    if not all(isinstance(column, list) for column in columns.values()):
-        raise fault(path, f"the columns {', '.join(columns)} must all be lists.")
-    if len({len(column) for column in columns.values()}) != 1:
-        raise fault(path, f"the columns {', '.join(columns)} are not equally long.")
-    for row in zip(*columns.values(), strict=True):
-        yield dict(zip(columns, row, strict=True))
-
-
-def _of_sides(path: Path, sides: dict[str, Any]) -> Iterator[dict[str, Any]]:
-    """Yield predictions of a `source` and an `edited`, each an object by sample id."""
-    if others := sorted(sides.keys() - set(SIDES)):
-        raise fault(path, f"unknown key {', '.join(others)} beside {' and '.join(SIDES)}.")
-    for sample_id in dict.fromkeys([*sides["source"], *sides["edited"]]):
-        yield {"sample_id": sample_id, **{side: sides[side].get(sample_id) for side in SIDES}}
+def _require_own_keys(path: Path, value: dict[str, Any]) -> None:
+    """Refuse predictions under a key that is none of ours, and name it."""
+    for key, each in value.items():
+        held = each.values() if isinstance(each, dict) else each if isinstance(each, list) else ()
+        first = next(iter(held), None)
+        is_whole = isinstance(each, dict) and "predictions" in each
+        if is_whole or (isinstance(first, dict) and not first.keys().isdisjoint(SIDES)):
+            raise fault(
+                path,
+                f"did you mean what is under {key}? Write that alone into a file, or call the key "
+                "predictions.",
+            )
 
 
 def _listed(path: Path, predictions: Any) -> Iterator[Any]:

@@ -1,7 +1,7 @@
 """Dates and times that people send: ISO 8601 text, taken to UTC."""
 
 import re
-from datetime import date, datetime, timedelta
+from datetime import date, datetime
 from typing import Annotated
 
 from pydantic import AfterValidator, AwareDatetime, BeforeValidator, Field
@@ -74,15 +74,6 @@ Moment = Annotated[
     AfterValidator(_moment_in_utc),
 ]
 """A time, or a whole day."""
-
-
-def moment_after(moment: datetime | date) -> datetime:
-    """Return the time, or the first one after the day in UTC: `until` a day takes that day in."""
-    if isinstance(moment, datetime):
-        return moment
-    if moment == date.max:
-        return datetime.max.replace(tzinfo=UTC)
-    return first_moment(moment + timedelta(days=1))
 
 
 def first_moment(moment: datetime | date) -> datetime:

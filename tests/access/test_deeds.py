@@ -101,7 +101,6 @@ DEEDS = {
         "/tokens/{token_id}/revoke", "teams revoke-token", None, "token revoked", None, (200, 409)
     ),
     ("POST", f"{TEAM}/invitations"): Deed(API_ALONE, API_ALONE, None),
-    ("POST", "/self-registration"): Deed(API_ALONE, API_ALONE, "/self-registration"),
     ("POST", "/people/{person_id}/organizer"): Deed(
         "/people/{person_id}", "people set", "/people/{person_id}/organizer"
     ),

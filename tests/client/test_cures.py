@@ -3,8 +3,6 @@
 import json
 import re
 import shlex
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -24,7 +22,6 @@ from typer.testing import CliRunner
 
 from exceptiondrive.checking import check_file
 from exceptiondrive.cli import app
-from exceptiondrive_schemas.check.checker import FROM_YAML
 from exceptiondrive_schemas.faults import MAX_EXAMPLES, FaultCode
 
 STEPS_S = {"60 waypoints": "0.1"}
@@ -136,22 +133,6 @@ def test_what_the_advice_says_to_do_by_hand_mends_the_file() -> None:
             assert "`exceptiondrive convert FILE --split extract`" in said_of(report)
         else:
             assert json.loads(mended) == sound(), name
-
-
-def test_the_line_for_yaml_mends_the_file(tmp_path: Path) -> None:
-    pytest.importorskip("yaml")
-    (tmp_path / "planner.yaml").write_bytes(ALL_FILES["YAML"].make())
-    line = f"import json, yaml\nFILE = 'planner.yaml'\n{FROM_YAML.partition('write ')[2]}"
-    subprocess.run([sys.executable, "-c", line], cwd=tmp_path, check=True)
-    assert json.loads((tmp_path / "planner.json").read_bytes()) == sound()
-
-
-def test_convert_says_of_yaml_what_check_says(tmp_path: Path) -> None:
-    file = tmp_path / "planner.yaml"
-    file.write_bytes(ALL_FILES["YAML"].make())
-    done = CliRunner().invoke(app, ["convert", str(file), "-o", str(tmp_path / "out.json")])
-    assert done.exit_code != 0
-    assert f"planner.yaml: looks like YAML: {FROM_YAML}" in " ".join(done.output.split())
 
 
 def test_shards_become_the_file(tmp_path: Path) -> None:

@@ -161,14 +161,8 @@ def test_a_tampered_audit_log_is_found(running: "Running") -> None:
     )
     assert organize(running, "audit", "list", "--since", "lately").exit_code == 2
     lines = json.loads(organize(running, "audit", "list", "--json").stdout)
-    for asked, kept in (
-        (("--until", lines[0]["at"]), [one for one in lines if one["at"] < lines[0]["at"]]),
-        (("--until", lines[0]["at"][:10]), lines),
-        (("--until", "2000-01-01"), []),
-        (("--until", "9999-12-31"), lines),
-        (("--action", "phase created"), [o for o in lines if o["action"] == "phase created"]),
-    ):
-        assert json.loads(organize(running, "audit", "list", *asked, "--json").stdout) == kept
+    made = organize(running, "audit", "list", "--action", "phase created", "--json").stdout
+    assert json.loads(made) == [line for line in lines if line["action"] == "phase created"]
     ids, cut = [line["id"] for line in lines], ("audit", "list", "--limit", "2")
     shown = organize(running, *cut).stdout.splitlines()
     assert shown[-1] == f"at most 2 are shown: --before {ids[1]} shows older ones"
@@ -333,8 +327,6 @@ def test_what_is_done_with_a_submission_from_the_command_line(
     story = organize(running, *of, "show", page).stdout
     for words in ("told ", "submission restored", "upload downloaded", "story downloaded"):
         assert words in story
-    people = json.loads(organize(running, "audit", "list", "--by-people", "--json").stdout)
-    assert not {line["actor"] for line in people} & {"worker", "reconciler", "server"}
     assert "by mistake" in organize(running, "audit", "list").stdout, "why it was done"
     about = json.loads(organize(running, "audit", "list", "--subject", sent.id, "--json").stdout)
     assert {line["subject"] for line in about} == {sent.id}

@@ -191,7 +191,7 @@ def test_no_hint_leads_a_strategy_file_to_convert_which_reads_trajectories_alone
         "each prediction",
         f"\ufeff{sound}": None,
         json.dumps(strategy | {"predictions": predictions[:1]}): "one shard of several?",
-        json.dumps({"results": predictions}): "looks like another form of it",
+        json.dumps({"results": predictions}): "write what is under it alone into the file",
     }
     for text, hint in hints.items():
         for challenge in (None, STRATEGY.id):

@@ -1,12 +1,15 @@
 """Numbers of entries in the words of a message: with units and ranges, as the board shows them."""
 
 from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING
 
-from exceptiondrive_schemas.api.rescoring import Standing
 from exceptiondrive_schemas.challenges import Challenge, Metric
 from exceptiondrive_schemas.printable import one_line
 from exceptiondrive_schemas.protocol import PublicationSection
 from exceptiondrive_schemas.score_sheet import Interval, MetricRow, metric_text, text_with_unit
+
+if TYPE_CHECKING:
+    from exceptiondrive_schemas.api.rescoring import Standing
 
 
 def ranked_words(
@@ -24,7 +27,7 @@ def ranked_words(
 
 
 def standing_words(
-    challenge: Challenge | None, standing: Standing | None, *, before: Standing | None = None
+    challenge: Challenge | None, standing: "Standing | None", *, before: "Standing | None" = None
 ) -> str:
     """Say how an entry stands on a board: rank and its range, then the metrics that rank.
 
@@ -39,8 +42,8 @@ def standing_words(
 
 def other_changes(
     challenge: Challenge,
-    old: Standing,
-    new: Standing,
+    old: "Standing",
+    new: "Standing",
     publication: PublicationSection | None = None,
 ) -> Iterator[str]:
     """Name what changes of an entry whose ranking numbers stay: `HPR 18.13 % (was 18.24 %)`."""
@@ -58,7 +61,7 @@ def other_changes(
         yield "a number that is not shown here changes"
 
 
-def _words(challenge: Challenge | None, standing: Standing | None) -> list[str]:
+def _words(challenge: Challenge | None, standing: "Standing | None") -> list[str]:
     if standing is None:
         return ["not on the board"]
     words = [one_line(standing.place)]

@@ -170,14 +170,6 @@ OTHER_NAMES: Mapping[str, tuple[str, ...]] = {
     "edited": ("edit", "counterfactual", "hazard", "after", "target"),
     "strategy": ("answer", "action", "decision"),
 }
-YAML = re.compile(
-    rb"(?:---[^\n]*\n|[ \t]*(?:#[^\n]*)?\n)*(?:- +)?(?:schema|split|predictions|sample_id) *:"
-)
-"""How our documents begin as YAML, perhaps behind `---`, comments and empty lines."""
-FROM_YAML = (
-    "only JSON is taken; where PyYAML is, write json.dump(yaml.safe_load(open(FILE)), "
-    'open("planner.json", "w"))'
-)
 BARE_LIST = re.compile(rb"\s*(?:\[\s*){1,2}\{")
 """What a list of predictions begins with, also where `cat` made one file of several."""
 ROOT_OF_JSON = re.compile(rb"^[ \t]*\{\s*\"(?:schema|split|predictions)\"", re.MULTILINE)
@@ -196,11 +188,6 @@ def two_runs_advice(manifest: Manifest | None) -> str:
         "with that on the edited inputs it becomes a submission: `exceptiondrive convert "
         f"--source-run FILE --edited-run FILE --split {name}`"
     )
-
-
-def is_yaml(data: bytes) -> bool:
-    """Whether a file is one of our documents, or a list of predictions, as YAML."""
-    return YAML.match(data[:MAX_HEADER_BYTES]) is not None
 
 
 def meant_key(written: str, absent: Collection[str]) -> str | None:
@@ -260,6 +247,7 @@ class SubmissionReader:
         self._n_ids_as_keys = 0
         self._n_trajectories = 0
         self._wrapped_in: list[str] = []
+        self._has_columns = False
         self._is_of_another_form = False
         self._absent: Counter[str] = Counter()
         self.faults = faults
@@ -377,16 +365,19 @@ class SubmissionReader:
 
     def _refuse_other_form(self) -> None:
         """Say what a document without any of our keys looks like, in place of its many faults."""
+        hint = f"looks like another form of it; {self._convert}"
         if len(self._wrapped_in) == 1:
+            hint = "write what is under it alone into the file"
             got = f"everything under the key {quoted(self._wrapped_in[0])}"
         elif self._n_ids_as_keys >= MIN_IDS_AS_KEYS:
             got = f"an object with {counted(self._n_ids_as_keys, 'value')} under other keys"
             got += ": sample ids, or columns"
+            if self._has_columns:
+                hint = "write a list of predictions, one object a sample"
         else:
             return
         self._is_of_another_form = True
         expected = "an object with the keys schema, split and predictions"
-        hint = f"looks like another form of it; {self._convert}"
         if self._n_trajectories == self._n_ids_as_keys >= MIN_IDS_AS_KEYS:
             got = f"an object with {counted(self._n_trajectories, 'trajectory', 'trajectories')} by id"
             hint = f"looks like one run of a planner; {two_runs_advice(self._manifest)}"
@@ -416,6 +407,7 @@ class SubmissionReader:
             self._stream.value()
             return
         self._n_ids_as_keys += 1
+        self._has_columns |= key == "sample_id" or (key in OUR_KEYS and first == "{")
         if first == "[":
             listed: list[Any] = []
 
@@ -529,7 +521,7 @@ class SubmissionReader:
                 if key != "predictions" and type(self._rules) is RULES[PLANNING.id]:
                     hint = self._convert
                 if key == "predictions" and len(self._wrapped_in) == 1:
-                    hint = f"are they under {quoted(self._wrapped_in[0])}? {CONVERT}` renames it"
+                    hint = f"are they under {quoted(self._wrapped_in[0])}? Call it predictions"
                 self._refuse(FaultCode.MISSING_KEY, (), f"the key {quoted(key)}", "none", hint=hint)
 
     def _report_repeated(self, value: Any, path: Path) -> None:
@@ -566,8 +558,6 @@ class SubmissionReader:
             return "it stops before its end; was the copy cut off?" if is_cut else None
         if self._data.startswith((b'"{', b'"[')):
             return "JSON within a JSON text: write the object itself"
-        if is_yaml(self._data):
-            return f"looks like YAML: {FROM_YAML}"
         first_line = self._data[:MAX_HEADER_BYTES].splitlines()[0]
         for delimiter, name in CSV_DELIMITERS.items():
             if first_line.count(delimiter) < MIN_CSV_DELIMITERS:

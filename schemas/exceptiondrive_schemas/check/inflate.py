@@ -30,7 +30,6 @@ MAGIC_BYTES: tuple[tuple[bytes, str], ...] = (
     (b"\x1f\x8b", "gzip data inside gzip data"),
     (b"%PDF", "a PDF file"),
     (b"version https://git-lfs", "a pointer of Git LFS: git lfs pull brings the file"),
-    (b"```", "Markdown: remove the lines that begin with ```"),
     (b"<", "an HTML or XML file"),
 )
 WIDE_TEXT = "UTF-16 or UTF-32 text"

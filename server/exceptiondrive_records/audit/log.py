@@ -191,9 +191,6 @@ def _follows(line: AuditLine, number: int, head: str) -> bool:
     return line.id == number + 1 and line.previous_hash == head
 
 
-_MACHINES = ("installation", "worker", "reconciler", "server")
-
-
 def audit_page(
     session: Session,
     *,
@@ -201,15 +198,12 @@ def audit_page(
     limit: int = 100,
     actor: str | None = None,
     subject: str | None = None,
-    by_people: bool = False,
     since: datetime | None = None,
-    until: datetime | None = None,
     action: str | None = None,
 ) -> list[AuditLine]:
     """Return lines, newest first.
 
-    What is given narrows them: `by_people` leaves out what the machinery writes of itself, `until`
-    takes those of before that time, an `action` is such as `phase changed`.
+    What is given narrows them; an `action` is such as `phase changed`.
     """
     query = select(AuditLine).order_by(AuditLine.id.desc()).limit(limit)
     if before is not None:
@@ -218,12 +212,8 @@ def audit_page(
         query = query.where(AuditLine.actor == actor)
     if subject is not None:
         query = query.where(AuditLine.subject == subject)
-    if by_people:
-        query = query.where(AuditLine.actor.not_in(_MACHINES))
     if since is not None:
         query = query.where(AuditLine.at >= since)
-    if until is not None:
-        query = query.where(AuditLine.at < until)
     if action is not None:
         query = query.where(AuditLine.action == action)
     return list(session.scalars(query))

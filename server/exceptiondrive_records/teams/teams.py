@@ -228,7 +228,7 @@ def require_approved(team: Team) -> None:
         raise NotAllowed(NOT_APPROVED)
 
 
-# What organizers switch while the server runs. Every change is an audit line.
+# What operators switch while the server runs. Every change is an audit line.
 
 
 _SELF_REGISTRATION = "self_registration"
@@ -237,7 +237,7 @@ _SELF_REGISTRATION = "self_registration"
 def self_registration_is_on(session: Session, environment: bool | None) -> bool:
     """Whether teams may register themselves.
 
-    An `environment` of False forces it off, whatever organizers switched; True switches it on until
+    An `environment` of False forces it off, whatever operators switched; True switches it on until
     they decide; None leaves it to them, off at first.
     """
     if environment is False:

@@ -1,4 +1,4 @@
-"""People and self-registration, as organizers manage them."""
+"""People, as organizers manage them."""
 
 from datetime import datetime
 from typing import Annotated
@@ -12,11 +12,7 @@ from exceptiondrive_records.accounts.people import invite, list_people, set_orga
 from exceptiondrive_records.accounts.roles import MAX_PHASES, OrganizerRole
 from exceptiondrive_records.accounts.tables import Person
 from exceptiondrive_records.participation.forgetting import forget_person
-from exceptiondrive_records.teams.teams import (
-    find_team,
-    self_registration_is_on,
-    switch_self_registration,
-)
+from exceptiondrive_records.teams.teams import find_team
 from exceptiondrive_server.accounts.queries import TokenView, token_views
 from exceptiondrive_server.web.auth import Organizer, ServicesOf
 from exceptiondrive_server.web.forms import Deed, Form
@@ -53,20 +49,6 @@ class OrganizerSwitch(Form):
     role: OrganizerRole = OrganizerRole.OWNER
     phases: tuple[str, ...] = Field(default=(), max_length=MAX_PHASES)
     """To confine the role to; none: it is for the whole site."""
-
-
-class SelfRegistration(BaseModel):
-    """Whether teams may register themselves."""
-
-    is_on: bool
-    is_forced_off: bool
-    """By the environment: then no switch counts."""
-
-
-class SelfRegistrationSwitch(Form):
-    """Whether teams may register themselves from now on."""
-
-    is_on: StrictBool
 
 
 class NewInvitation(BaseModel):
@@ -114,25 +96,6 @@ def post_invitation(services: ServicesOf, organizer: Organizer, team_id: TeamId)
         team = find_team(session, team_id)
         text, made = invite(session, team.id, "an organizer", actor=organizer.actor)
         return NewInvitation(path=f"/join/{text}", expires_at=made.expires_at)
-
-
-@router.get("/self-registration", operation_id="showSelfRegistration")
-def get_self_registration(services: ServicesOf) -> SelfRegistration:
-    """Show whether teams may register themselves."""
-    environment = services.settings.self_registration
-    with services.database.read() as session:
-        is_on = self_registration_is_on(session, environment)
-    return SelfRegistration(is_on=is_on, is_forced_off=environment is False)
-
-
-@router.post("/self-registration", operation_id="switchSelfRegistration")
-def post_self_registration(
-    services: ServicesOf, organizer: Organizer, wanted: SelfRegistrationSwitch
-) -> SelfRegistration:
-    """Let teams register themselves, or no longer."""
-    with services.database.write() as session:
-        switch_self_registration(session, wanted.is_on, actor=organizer.actor)
-    return get_self_registration(services)
 
 
 def _changed(session: Session, person: Person) -> ChangedPerson:

@@ -7,7 +7,7 @@ from pydantic import BaseModel, Field
 
 from exceptiondrive_records.audit.log import audit_page, verify_audit
 from exceptiondrive_schemas.base import in_words
-from exceptiondrive_schemas.datetimes import Moment, first_moment, moment_after
+from exceptiondrive_schemas.datetimes import Moment, first_moment
 from exceptiondrive_server.audit.queries import AuditLineView, line_view
 from exceptiondrive_server.web.auth import ServicesOf
 
@@ -39,12 +39,8 @@ def get_audit(
     limit: Annotated[int, Query(ge=1, le=500, description="how many at most")] = 100,
     actor: Annotated[str | None, Query(max_length=200, description="only by this one")] = None,
     subject: Annotated[str | None, Query(max_length=200, description="only about this")] = None,
-    by_people: Annotated[bool, Query(description="without what worker and server write")] = False,
     since: Annotated[
         Moment | None, Query(description="a time, or a day from its first moment in UTC")
-    ] = None,
-    until: Annotated[
-        Moment | None, Query(description="before this time, or to the end of this day in UTC")
     ] = None,
     action: Annotated[str | None, Query(max_length=200, description="only of this kind")] = None,
 ) -> list[AuditLineView]:
@@ -56,9 +52,7 @@ def get_audit(
             limit=limit,
             actor=actor,
             subject=subject,
-            by_people=by_people,
             since=None if since is None else first_moment(since),
-            until=None if until is None else moment_after(until),
             action=action,
         )
         return list(map(line_view, lines))

@@ -9,7 +9,7 @@ from fastapi.responses import Response
 
 from exceptiondrive_records.audit.log import audit_actions, verify_audit
 from exceptiondrive_schemas.base import in_words
-from exceptiondrive_schemas.datetimes import first_moment, moment_after
+from exceptiondrive_schemas.datetimes import first_moment
 from exceptiondrive_server.audit.queries import history
 from exceptiondrive_server.web.organizer_frame import OrganizerBrowser, organizer_page
 
@@ -27,9 +27,7 @@ def show_audit(
     subject: Filter = "",
     before: Annotated[int | None, Query(ge=1, lt=2**31)] = None,
     verify: bool = False,
-    by_people: bool = False,
     since: Day = "",
-    until: Day = "",
     action: Filter = "",
 ) -> Response:
     """Show the log, newest first; with `verify` recompute the whole chain."""
@@ -40,17 +38,14 @@ def show_audit(
             subject,
             actor=actor,
             before=before,
-            by_people=by_people,
             since=first_moment(since) if since else None,
-            until=moment_after(until) if until else None,
             action=action,
             limit=SHOWN + 1,
         )
         verdict = verify_audit(session) if verify else None
         actions = audit_actions(session)
-    told = {"actor": actor, "subject": subject, "action": action}
-    told |= {"since": str(since), "until": str(until)}
-    older = {**told, "by_people": "true" if by_people else ""}
+    told = {"actor": actor, "subject": subject, "action": action, "since": str(since)}
+    older = dict(told)
     if len(lines) > SHOWN:
         older["before"] = str(lines[SHOWN - 1].line.id)
     return organizer_page(
@@ -60,7 +55,6 @@ def show_audit(
         lines=lines[:SHOWN],
         told=told,
         actions=actions,
-        by_people=by_people,
         older="before" in older and urlencode({k: v for k, v in older.items() if v}),
         verdict=verdict,
         is_newest=before is None,

@@ -215,7 +215,9 @@ def patch_submission(
     one, of which one run stands: that needs `replace`, and a later new name does not part them.
     """
     edit = partial(edit_submission, change=change)
-    return _decide(services, principal, submission_id, edit, replace=change.replace)
+    return _decide(
+        services, principal, submission_id, edit, replace=change.replace, by_organizers=True
+    )
 
 
 @router.get("/{submission_id}/edits", operation_id="listEdits", responses=_OF_OWN)
@@ -235,7 +237,7 @@ def withdraw_submission(
     services: ServicesOf, principal: Submitter, submission_id: SubmissionId
 ) -> SubmissionView:
     """Take a submission off the board; withdrawing twice is one."""
-    return _decide(services, principal, submission_id, withdraw)
+    return _decide(services, principal, submission_id, withdraw, by_organizers=True)
 
 
 @router.post(
@@ -304,8 +306,9 @@ def _decide(
     what: Callable[..., Submission],
     *,
     replace: bool = True,
+    by_organizers: bool = False,
 ) -> SubmissionView:
     """Let a team decide about a submission of its own, and tell it how that stands."""
-    decide(services, principal, submission_id, what, replace=replace)
+    decide(services, principal, submission_id, what, replace=replace, by_organizers=by_organizers)
     with services.database.read() as session:
         return told_to(principal, view(session, find_submission(session, submission_id)))

@@ -1,6 +1,6 @@
 """What is decided about a submission that was taken: confirm, edit, withdraw, choose, publish.
 
-A team decides about its own, an organizer about any, of which its team is told.
+A team decides about its own. An organizer edits or withdraws any, of which its team is told.
 """
 
 from collections.abc import Callable
@@ -25,7 +25,7 @@ from exceptiondrive_schemas.api.own_entries import entry_words
 from exceptiondrive_schemas.api.submission import SubmissionStatus, SubmissionView
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_server.submissions.upload import told_to
-from exceptiondrive_server.web.auth import own_team
+from exceptiondrive_server.web.auth import own_team, team_of
 from exceptiondrive_server.web.services import Services
 
 _OFF_THE_BOARD = (
@@ -44,13 +44,8 @@ def confirmed_upload(
     """
     with services.database.write() as session:
         require_unrevoked(session, principal)
-        asked = find_submission(session, submission_id, team_id=own_team(principal))
-        was_confirmed = asked.confirmed_as is not None
-        counted = confirm(session, submission_id, actor=principal.actor)
-        if own_team(principal) is None and not was_confirmed:
-            told = "It was asked about, counts from now on, and took its quota."
-            tell_about(session, counted, f"An organizer confirmed {counted.method}", (told,))
-        counted_id = counted.id
+        find_submission(session, submission_id, team_id=team_of(principal))
+        counted_id = confirm(session, submission_id, actor=principal.actor).id
     services.dispatcher.wake(Lane.LIVE)
     with services.database.read() as session:
         return told_to(principal, view(session, find_submission(session, counted_id)))
@@ -63,20 +58,23 @@ def decide(
     what: Callable[..., object],
     *,
     replace: bool = True,
+    by_organizers: bool = False,
 ) -> None:
     """Let a team do something with a submission of its own, in one transaction.
 
-    An organizer may do it with any, and its team is told. `what` is called with a session, the id, and
-    `actor`. Without `replace` it may take no entry of the team off the board.
+    `by_organizers`: they may edit or withdraw any so, and its team is told. `what` is called with a
+    session, the id, and `actor`. Without `replace` it may take no entry of the team off the board.
 
     Raises:
         NotConfirmed: It does; the sentence names the entry, to who may read it. Nothing was changed.
         NotAllowed: The token, or the place in the team, ended since the request began.
         NotFound: The team has no such submission.
+        ApiProblem: It acts for no team.
     """
+    team_id = own_team(principal) if by_organizers else team_of(principal)
     with services.database.write() as session:
         require_unrevoked(session, principal)
-        submission = find_submission(session, submission_id, team_id=own_team(principal))
+        submission = find_submission(session, submission_id, team_id=team_id)
         method, before = submission.method, _decided(submission)
         standing = {} if replace else _standing(session, submission)
         what(session, submission_id, actor=principal.actor)
@@ -84,8 +82,8 @@ def decide(
             may_read = Scope.READ_OWN in principal.scopes
             named = " and ".join(entry_words(standing[each]) for each in sorted(gone))
             raise NotConfirmed(f"It replaces {named if may_read else 'an entry of your team'}.")
-        if own_team(principal) is None and _decided(submission) != before:
-            done, means = _decision(session, submission, before)
+        if team_id is None and _decided(submission) != before:
+            done, means = _decision(session, submission, before[0])
             tell_about(session, submission, f"An organizer {done.format(method)}", (means,))
 
 
@@ -104,31 +102,17 @@ def _standing(session: Session, submission: Submission) -> dict[str, SubmissionV
     return {each.id: each for each in views(session, standing)}
 
 
-def _decided(submission: Submission) -> tuple[datetime | None, ...]:
-    return (
-        submission.edited_at,
-        submission.withdrawn_at,
-        submission.chosen_at,
-        submission.published_at,
-    )
+def _decided(submission: Submission) -> tuple[datetime | None, datetime | None]:
+    return submission.edited_at, submission.withdrawn_at
 
 
 def _decision(
-    session: Session, submission: Submission, before: tuple[datetime | None, ...]
+    session: Session, submission: Submission, edited_at: datetime | None
 ) -> tuple[str, str]:
     """Say what was done, and what it means."""
-    edited_at, withdrawn_at, chosen_at, _ = before
     if submission.edited_at != edited_at:
         changed = edits_of(session, submission.id)[0].changed
         names = ", ".join(name.removeprefix("facts.").replace("_", " ") for name in changed)
         name = f"It is called {submission.method} now. " if "method" in changed else ""
         return "edited {}", f"{name}Changed: {names}. Its page says what stood there before."
-    if submission.withdrawn_at != withdrawn_at:
-        return "withdrew {}", f"{_OFF_THE_BOARD} The quota it took stays used."
-    if submission.chosen_at != chosen_at:
-        rule = submission.chosen_rule
-        which = "this very run stands" if rule == "this" else f"the {rule} run of it stands"
-        return "chose which run of {} stands", f"From the next board on {which}."
-    if submission.published_at is None:
-        return "made {} private", _OFF_THE_BOARD
-    return "published {}", "The next board counts it; a frozen one does when it is revealed."
+    return "withdrew {}", f"{_OFF_THE_BOARD} The quota it took stays used."

@@ -52,7 +52,8 @@ def post_edit(browser: Browser, form: PostedForm, submission_id: SubmissionId) -
     try:
         change = SubmissionChange(**read(WORDS, form), facts=facts_of_form(form))
         edit = partial(edit_submission, change=change)
-        decide(browser.services, browser.principal, submission_id, edit, replace=change.replace)
+        who, replace = browser.principal, change.replace
+        decide(browser.services, who, submission_id, edit, replace=replace, by_organizers=True)
     except NotFound:
         raise
     except RecordsError as refusal:

@@ -310,6 +310,7 @@ def _submission(
         found = find_submission(session, submission_id, team_id=own_team(browser.principal))
         seen = view(session, found)
         phase = find_phase(session, seen.phase)
+        is_own = found.team_id == browser.principal.team_id
         ended = not can_change(phase, found, database_now(session))
         is_publishing = can_publish(session, phase)
         sheet = score_tables(session, seen)
@@ -332,7 +333,9 @@ def _submission(
         notices=notices,
         edits=edits,
         form_token=browser.form_token if Scope.SUBMIT in browser.principal.scopes else None,
-        actions=actions_of(seen, phase.policy, has_closed=ended, can_publish=is_publishing),
+        actions=actions_of(seen, phase.policy, has_closed=ended, can_publish=is_publishing)
+        if is_own
+        else (),
         counterpart=CHALLENGES[seen.challenge].counterpart,
         can_withdraw=seen.status not in without_score,
         can_send_again=seen.status in (SubmissionStatus.REJECTED, SubmissionStatus.WITHDRAWN)
@@ -367,7 +370,7 @@ def withdraw_submission(
 ) -> Response:
     """Take a submission off the board."""
     require_scope(browser, Scope.SUBMIT)
-    decide(browser.services, browser.principal, submission_id, withdraw)
+    decide(browser.services, browser.principal, submission_id, withdraw, by_organizers=True)
     return RedirectResponse(f"/submissions/{submission_id}", status_code=303)
 
 

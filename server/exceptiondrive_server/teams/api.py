@@ -1,4 +1,4 @@
-"""Self-registration, where organizers have switched it on."""
+"""Self-registration, where the operator has switched it on."""
 
 from typing import Annotated
 

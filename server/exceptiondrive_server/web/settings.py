@@ -27,8 +27,8 @@ class ServerSettings(RecordsSettings):
     public_url: SiteUrl = ""
     """What people type; by default what each request names. `https://` makes cookies Secure."""
     self_registration: bool | None = None
-    """False forces self-registration off; True has it on until organizers switch it; by default it is
-    theirs to switch, off at first."""
+    """False forces self-registration off; True has it on until the operator's command switches it; by
+    default it is off until then."""
     trusted_proxies: str = "127.0.0.1"
     """Addresses or networks, with commas, whose `X-Forwarded-For` names the sender."""
     oidc_issuer: str = ""

@@ -426,14 +426,8 @@ def read_audit(
     limit: Annotated[int, option("--limit", "N", "At most so many.", min=1, max=500)] = 50,
     actor: Annotated[str | None, option("--actor", "WHO", "Only by this one.")] = None,
     subject: Annotated[str | None, option("--subject", "ID", "Only about this.")] = None,
-    by_people: Annotated[
-        bool, flag("--by-people", "Without what worker and server write.")
-    ] = False,
     since: Annotated[
         str | None, option("--since", "TIME", "2027-01-31T00:00:00Z, or a day: from then on.")
-    ] = None,
-    until: Annotated[
-        str | None, option("--until", "TIME", "Before this time, or to the end of a day.")
     ] = None,
     action: Annotated[
         str | None, option("--action", "KIND", "Only of this kind, as 'phase changed'.")
@@ -448,9 +442,7 @@ def read_audit(
         before=before,
         actor=actor,
         subject=subject,
-        by_people=by_people,
         since=since,
-        until=until,
         action=action,
     )
     lines = []
