@@ -32,9 +32,9 @@ def create_app(settings: ServerSettings) -> FastAPI:
         title="ExceptionDrive leaderboard",
         version=API_VERSION,
         description="Submit trajectory files, follow their scoring, read the boards. "
-        "Errors are RFC 9457 problems; what is no request (400, 431) or comes too slowly (408) may be answered in plain "
-        "text. Times are in UTC. Answers may gain fields, and an enum of an answer may gain "
-        "words: let those be that you do not know.",
+        "Errors are RFC 9457 problems; what is no request (400, 431) or comes too slowly (408) may be "
+        "answered in plain text. Times are in UTC. Answers may gain fields, and an enum of an answer words: "
+        "ignore what you do not know.",
         openapi_url="/api/v1/openapi.json",
         docs_url=None,
         redoc_url=None,

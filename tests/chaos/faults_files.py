@@ -9,10 +9,12 @@ from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
+from tests.chaos.history import Call
 from tests.chaos.run import Run
 from tests.chaos.topology import MAX_ATTEMPTS
 
 from exceptiondrive_records.work.tables import WorkState
+from exceptiondrive_schemas.api.submission import SubmissionStatus
 
 
 def full_disk(run: Run) -> str:
@@ -156,20 +158,22 @@ def _until_it_is_back(run: Run, do_harm: Callable[[Path], object]) -> str:
         if is_started_anew:
             run.topology.worker.start()
             run.topology.wait_until(lambda: run.topology.readiness().get("live_workers"), "workers")
-        _stays_queued(run)
+        calls = _staying_queued(run)
         path.write_bytes(whole)
         run.settle()
+        assert all(run.status_of(call) is SubmissionStatus.SCORED for call in calls)
     return (
         "stayed queued with 0 attempts, also of a worker that had it; scored when the file was back"
     )
 
 
-def _stays_queued(run: Run) -> None:
+def _staying_queued(run: Run) -> list[Call]:
     refusals = _n_refusals(run)
     calls = [run.upload(), run.upload("beta")]
     run.topology.wait_until(lambda: _n_refusals(run) > refusals, "a worker to refuse the split")
     assert all(run.job_of(call).attempts == 0 for call in calls), "an attempt was used up"
     assert all(run.job_of(call).state is WorkState.QUEUED for call in calls)
+    return calls
 
 
 def _n_refusals(run: Run) -> int:

@@ -166,6 +166,7 @@ def test_an_agent_with_a_reminder_is_linked_to_the_one_without_in_the_browser(
     assert rows["With"]["reminder_effect"]["without_method"] == "Without"
     assert re.search(r"</a>, rank 1; <a [^>]*>Without</a>", alpha.get("/submit").text)
     page = alpha.get(f"/submissions/{rows['With']['submission_id']}").text
-    assert f"Without the reminder it is {without.json()['id']}; by the reminder Accuracy +" in page
+    link = f'<a href="/submissions/{without.json()["id"]}">{without.json()["id"]}</a>'
+    assert f"Without the reminder it is {link}; by the reminder Accuracy +" in page
     page = alpha.get(f"/submissions/{without.json()['id']}").text
     assert "What a reminder changed against it is then told no more." in page

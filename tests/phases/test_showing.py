@@ -111,7 +111,8 @@ def test_teams_are_told_of_a_changed_deadline(life: "Life") -> None:
     life.make_phase(split="plain")
     life.submit("alpha", 1.0, "Planner", "plain")
     later, sooner = life.ahead(90), life.ahead(30)
-    for deadline in (later, sooner, sooner, None):
+    same_minute = f"{later[:17]}{'00' if later[17:19] == '59' else '59'}{later[19:]}"
+    for deadline in (later, same_minute, sooner, sooner, None):
         life.change({"closes_at": deadline})
     notices = life.json("/api/v1/notifications", "alpha")
     assert {one["title"] for one in notices} == {"The deadline of Test is changed"}

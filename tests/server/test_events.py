@@ -2,7 +2,6 @@
 
 import itertools
 import json
-import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -41,21 +40,28 @@ def test_a_submission_that_has_ended_is_told_once(api: "Api") -> None:
     assert event == api.get(f"/submissions/{own}", "alpha").json()
 
 
-def test_changes_are_told_until_the_board_has_it(api_on_both: "Api") -> None:
-    own = api_on_both.submit("a").json()["id"]
-
-    def work() -> None:
-        api_on_both.score(own)
-        time.sleep(0.2)
-        api_on_both.publish(entry("Planner", submission_id=own))
-
-    worker = threading.Timer(0.2, work)
-    worker.start()
-    events = events_of(api_on_both.get(f"/submissions/{own}/events", "alpha").text)
-    worker.join()
-    told = [(event["status"], event["awaits_board"], event["rank"]) for event in events]
-    assert told[0] == ("received", False, None)
-    assert told[-2:] == [("scored", True, None), ("scored", False, 1)]
+def test_changes_are_told_until_the_board_has_it(
+    make_api: Callable[..., "Api"], database_url: str
+) -> None:
+    api = make_api(database_url, events_longest_s=60)
+    own = api.submit("a").json()["id"]
+    path = f"/api/v1/submissions/{own}/events"
+    bearer = {"Authorization": f"Bearer {api.tokens['alpha']}"}
+    with (
+        served(api.app) as address,
+        httpx.stream("GET", address + path, headers=bearer, timeout=60) as stream,
+    ):
+        parts = stream.iter_text()
+        told = next(parts)
+        api.score(own)
+        while '"awaits_board":true' not in told:
+            told += next(parts)
+        api.publish(entry("Planner", submission_id=own))
+        told += "".join(parts)
+    events = events_of(told)
+    seen = [(event["status"], event["awaits_board"], event["rank"]) for event in events]
+    assert seen[0] == ("received", False, None)
+    assert seen[-2:] == [("scored", True, None), ("scored", False, 1)]
     assert all(one != other for one, other in itertools.pairwise(events))
 
 

@@ -2,8 +2,8 @@
 
 import math
 import re
-from collections.abc import Mapping
-from typing import NamedTuple, cast, get_args
+from collections.abc import Iterator, Mapping
+from typing import cast, get_args
 
 from exceptiondrive_records.db.csv_table import Fault, csv_rows, faults_text
 from exceptiondrive_records.db.errors import InvalidRecord
@@ -33,12 +33,6 @@ _DIGEST = re.compile(r"sha256:[0-9a-f]{64}")
 _ID = re.compile(r"[a-z0-9_]{1,64}")
 
 
-class _Line(NamedTuple):
-    place: str
-    """`Line 3`."""
-    values: Mapping[str, str]
-
-
 def read_rows(text: str, challenge: Challenge) -> tuple[ImportedRow, ...]:
     """Return the rows of a file: all of them, or none.
 
@@ -51,45 +45,38 @@ def read_rows(text: str, challenge: Challenge) -> tuple[ImportedRow, ...]:
     rows: list[ImportedRow] = []
     faults: list[Fault] = []
     seen: dict[tuple[object, ...], str] = {}
-    for line in _lines(text.removeprefix("\ufeff")):
+    for number, values in _lines(text.removeprefix("\ufeff")):
         try:
-            row = _row(line.values, challenge)
+            row = _row(values, challenge)
         except InvalidRecord as refusal:
-            faults.append(Fault(line.place, str(refusal)))
+            faults.append(Fault(f"Line {number}", str(refusal)))
             continue
         key = row.method, row.team, row.split.revision, row.protocol, row.average
         if key in seen:
             words = f"The same method as in {seen[key]}; leave one of the two out."
-            faults.append(Fault(line.place, words))
-        seen[key] = line.place.lower()
+            faults.append(Fault(f"Line {number}", words))
+        seen[key] = f"line {number}"
         rows.append(row)
     if faults:
         raise InvalidRecord(f"Nothing was imported. {faults_text(faults)}")
     return tuple(rows)
 
 
-def _lines(text: str) -> list[_Line]:
-    lines = _of_csv(text)
-    if not lines:
-        raise InvalidRecord(
-            "The file has no row: write the names of columns first, then one method a line."
-        )
-    if len(lines) > MAX_ROWS:
-        raise InvalidRecord(f"The file has more than {MAX_ROWS} rows; import it in parts.")
-    return lines
-
-
-def _of_csv(text: str) -> list[_Line]:
+def _lines(text: str) -> Iterator[tuple[int, Mapping[str, str]]]:
     (_, head), *rows = csv_rows(text) or [(1, [])]
     names = [name.strip().lower() for name in head]
     twice = {name for name in names if names.count(name) > 1}
     if twice:
         raise InvalidRecord(f"The first line names the column {min(twice)} twice.")
-    lines: list[_Line] = []
+    if not rows:
+        raise InvalidRecord(
+            "The file has no row: write the names of columns first, then one method a line."
+        )
+    if len(rows) > MAX_ROWS:
+        raise InvalidRecord(f"The file has more than {MAX_ROWS} rows; import it in parts.")
     for number, cells in rows:
         values = map(from_spreadsheet, map(str.strip, cells))
-        lines.append(_Line(f"Line {number}", dict(zip(names, values, strict=True))))
-    return lines
+        yield number, dict(zip(names, values, strict=True))
 
 
 def _row(values: Mapping[str, str], challenge: Challenge) -> ImportedRow:

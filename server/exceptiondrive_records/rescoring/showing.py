@@ -46,11 +46,10 @@ def change_phase(session: Session, phase_id: str, change: PhaseChange, *, actor:
     phase = update_phase(session, phase_id, change, actor=actor)
     if was_hidden and phase.visibility != "hidden":
         _tell_of_hidden_updates(session, phase)
-    if phase.closes_at != until:
-        was, is_ = (f"{at:%Y-%m-%d %H:%M} UTC" if at else "none" for at in (until, phase.closes_at))
-        _tell_teams(
-            session, phase, f"The deadline of {phase.title} is changed", f"From {was} to {is_}."
-        )
+    was, now = (f"{at:%Y-%m-%d %H:%M} UTC" if at else "none" for at in (until, phase.closes_at))
+    if was != now:
+        title = f"The deadline of {phase.title} is changed"
+        _tell_teams(session, phase, title, f"From {was} to {now}.")
     return phase
 
 

@@ -8,7 +8,7 @@ from sqlalchemy import ColumnElement, and_, bindparam, func, select, tuple_
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.log import audit
-from exceptiondrive_records.boards.standings import replacements, whole_sheets
+from exceptiondrive_records.boards.standings import whole_sheets
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.columns import is_one_of
 from exceptiondrive_records.db.errors import Conflict, InvalidRecord, NotFound, PhaseClosed
@@ -51,13 +51,14 @@ _WITHOUT_A_SCORE = (SubmissionStatus.WITHDRAWN, SubmissionStatus.REJECTED, Submi
 def require_counterpart(
     session: Session, team_id: int, phase: Phase, linked_to: str | None
 ) -> None:
-    """Refuse a link of which no board would tell an effect, as far as that is known.
+    """Refuse a link of which no board will ever tell an effect, as far as that is known.
+
+    One that another run replaces may stand again, and who may only submit is not told which stands.
 
     Raises:
         InvalidRecord: The challenge links nothing, or the counterpart is of another phase.
         NotFound: The team has no such submission.
-        Conflict: The counterpart has no score and will not have one, another run stands in its place,
-            or it has reminder records of its own.
+        Conflict: The counterpart has no score and will not have one, or has reminder records of its own.
     """
     if linked_to is None:
         return
@@ -79,12 +80,6 @@ def require_counterpart(
         )
     if found.status in _WITHOUT_A_SCORE:
         raise Conflict(f"The submission {linked_to!r} was {found.status}; link one with a score.")
-    holder = replacements(session, phase, [found], database_now(session)).get(found.id)
-    if holder is not None:
-        raise Conflict(
-            f"The submission {linked_to!r} is no entry of the board, {holder.id!r} takes its place; "
-            "link one that stands."
-        )
     sheets = whole_sheets(session, [found.id], key_of_phase(phase))
     if any(sheet.has_reminders for _, sheet in sheets):
         raise Conflict(

@@ -190,9 +190,8 @@ def _view(
 ) -> SubmissionView:
     phase, is_scored = seen.phase, submission.is_scored
     can_be_confirmed = submission.can_be_confirmed(seen.now)
-    is_board_coming = (
-        is_scored and seen.is_board_coming
-    )  # before its entries, as they come together
+    # Asked before the entries: of a board that comes in between neither would be seen.
+    is_board_coming = is_scored and seen.is_board_coming
     shown = seen.entries.get(submission.id) if is_scored else None
     holder = seen.replaced_by.get(submission.id)
     run_rule, is_chosen = seen.rules.get(submission.id, ("newest", False))

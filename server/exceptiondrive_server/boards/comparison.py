@@ -1,6 +1,6 @@
 """Two entries of one board side by side: a plain verdict, their families, differences."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -19,7 +19,7 @@ from exceptiondrive_schemas.score_sheet import Interval, ScoreSheet
 from exceptiondrive_server.boards.charts import labels_of
 from exceptiondrive_server.boards.entry_facts import challenge_of, entry_key, flags_of, is_barred
 from exceptiondrive_server.boards.table import short_title
-from exceptiondrive_server.web.numbers import Digits, listed, percent, unit_of
+from exceptiondrive_server.web.numbers import MINUS, Digits, listed, percent, unit_of
 from exceptiondrive_server.web.templating import template_filter
 
 MAX_COMPARED = 6
@@ -44,6 +44,8 @@ class Comparison:
     a: BoardEntry
     b: BoardEntry
     digits: Digits
+    among: Sequence[BoardEntry] = ()
+    """All that a page sets side by side, these two first; none: the two alone."""
 
     @cached_property
     def challenge(self) -> Challenge:
@@ -68,7 +70,7 @@ class Comparison:
     @cached_property
     def names(self) -> tuple[str, ...]:
         """What the two are called beside each other."""
-        return labels_of((self.a, self.b), LONGEST_NAME)
+        return labels_of(self.among or (self.a, self.b), LONGEST_NAME)[:2]
 
     @cached_property
     def paired(self) -> PairedComparison | None:
@@ -116,7 +118,7 @@ class Comparison:
             return f"Both stand at {digits.text(first, x)} {unit_of(first)} {first.label}."
         named = tuple(zip((self.a, self.b), self.names, strict=True))
         (ahead, winner), (behind, loser) = named if self.better(first) == "a" else named[::-1]
-        gap = digits.text(first, abs(x - y))
+        gap = self.difference(first).lstrip(f"+{MINUS}")
         lead = f"{first.label}: {winner} is {gap} points better than {loser}."
         found = self.paired.overall[first.key] if self.paired else None
         sure = self._sentence(found) if found else _certainty(ahead, behind, first)

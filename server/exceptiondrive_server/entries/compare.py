@@ -51,7 +51,7 @@ def compare_page(reading: ComparedEntries) -> dict[str, Any]:
     }
     if board is None or len(entries) < 2:
         return page
-    both = Comparison(board, entries[0], entries[1], digits)
+    both = Comparison(board, entries[0], entries[1], digits, entries)
     fields = board_fields(board, shown.is_current)
     told = zip(entries, reading.sheets, strict=True)
     is_many = len(entries) > 2

@@ -215,7 +215,9 @@ def standing(seen: SubmissionView, policy: PhasePolicy) -> str:
 def linked(text: str) -> Markup:
     """Write a sentence to a team; the submission that it names is a link."""
     link = r'\1 <a href="/submissions/\2">\2</a>'
-    return Markup(re.sub(r"\b(Submission|replaces) ([0-9a-z]{16})\b", link, str(escape(text))))
+    return Markup(
+        re.sub(r"\b(Submission|replaces|it is) ([0-9a-z]{16})\b", link, str(escape(text)))
+    )
 
 
 @template_filter

@@ -158,6 +158,11 @@ async def test_two_teams_with_one_name_of_a_method_are_told_apart(
         else:
             assert "Compare In time of Alpha" in text
             assert "Compare In time of Beta" in text
+    beside = (
+        await site.get("/compare?phase=sample&a=s0000000kq&b=s0000001kq&more=s0000002kq")
+    ).text
+    assert '<h2 class="blk">In time, Alpha against LaneKeeper' in beside
+    assert "HCC: In time, Alpha is" in beside
 
 
 async def test_a_range_of_one_rank_is_not_told_twice(site: Any, lively_board: Board) -> None:
@@ -211,6 +216,7 @@ async def test_one_difference_of_two_is_told_wherever_the_page_tells_it(paired_s
     rows = re.findall(r'<th scope="row">HCC.*?</tr>', text, re.DOTALL)
     told = [re.findall(r"[+\u2212]\d\.\d\d(?!\d)", row)[0] for row in rows]
     assert told == ["+4.00", "+4.00"]
+    assert "HCC: Kestrel-2 is 4.00 points better than brake-late." in text
 
 
 def test_the_leader_and_the_best_beside_it_are_compared_first(
