@@ -18,7 +18,9 @@ from exceptiondrive_schemas.score_sheet import (
     Flag,
     Interval,
     MetricRow,
+    PairedDifference,
     ProtocolRef,
+    ReminderEffect,
 )
 from exceptiondrive_schemas.split import SplitRef
 
@@ -29,32 +31,6 @@ class FamilyCell(BreakdownRow):
     """One family of one entry; `n` is None where a paper does not report it."""
 
     intervals: dict[str, Interval | None] = {}
-
-
-class PairedDifference(Document):
-    """With the reminder minus without it, in one metric, sample by sample.
-
-    `discordant` is the share of the samples in which the two answers differ in this metric.
-    """
-
-    difference: float | None
-    interval: Interval | None
-    """Of the difference, at the confidence of the board; None: it has none."""
-    discordant: float | None
-    verdict: str
-
-
-class ReminderEffect(Document):
-    """What the reminder changed: an entry against the linked submission without reminder."""
-
-    without: str
-    without_method: str
-    differences: dict[str, PairedDifference]
-
-    @property
-    def by_metric(self) -> MetricRow:
-        """The differences alone, without their intervals."""
-        return {key: paired.difference for key, paired in self.differences.items()}
 
 
 class PairedComparison(Document):

@@ -170,3 +170,29 @@ def text_with_unit(
     """Return a value as in running text: `65.47 %`, `1.20 m`."""
     unit = "%" if metric.unit == "fraction" else "m"
     return f"{metric_text(metric, value, publication)} {unit}"
+
+
+class PairedDifference(Document):
+    """With the reminder minus without it, in one metric, sample by sample.
+
+    `discordant` is the share of the samples in which the two answers differ in this metric.
+    """
+
+    difference: float | None
+    interval: Interval | None
+    """Of the difference, at the confidence of the board; None: it has none."""
+    discordant: float | None
+    verdict: str
+
+
+class ReminderEffect(Document):
+    """What the reminder changed: an entry against the linked submission without reminder."""
+
+    without: str
+    without_method: str
+    differences: dict[str, PairedDifference]
+
+    @property
+    def by_metric(self) -> MetricRow:
+        """The differences alone, without their intervals."""
+        return {key: paired.difference for key, paired in self.differences.items()}

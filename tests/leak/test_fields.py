@@ -11,22 +11,16 @@ from pydantic import BaseModel
 from tests.leak.channels import CHANNELS
 
 from exceptiondrive_schemas.api.phase_report import PhaseReport, PlaceChange, ShakeUp
-from exceptiondrive_schemas.board import (
-    Board,
-    BoardEntry,
-    FamilyCell,
-    FamilyHead,
-    PairedComparison,
-    PairedDifference,
-    ReminderEffect,
-)
+from exceptiondrive_schemas.board import Board, BoardEntry, FamilyCell, FamilyHead, PairedComparison
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.flags import FLAGS
 from exceptiondrive_schemas.score_sheet import (
     BreakdownRow,
     ClearanceCurve,
     Coverage,
+    PairedDifference,
     Plausibility,
+    ReminderEffect,
     ScoreSheet,
 )
 from exceptiondrive_schemas.split import Manifest

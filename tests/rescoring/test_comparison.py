@@ -6,7 +6,8 @@ import pytest
 from tests.records.test_board_documents import board_of, entry
 
 from exceptiondrive_records.rescoring.comparison import compare_boards
-from exceptiondrive_schemas.board import BoardEntry, FamilyCell, PairedDifference, ReminderEffect
+from exceptiondrive_schemas.board import BoardEntry, FamilyCell
+from exceptiondrive_schemas.score_sheet import PairedDifference, ReminderEffect
 
 CELL = FamilyCell.model_validate({"n": 80, "hcc": 0.5, "intervals": {}})
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from exceptiondrive_schemas.board import BoardEntry, ReminderEffect
+from exceptiondrive_schemas.board import BoardEntry
 from exceptiondrive_schemas.challenges import STRATEGY
 from exceptiondrive_schemas.protocol import (
     ProtocolDocument,
@@ -12,6 +12,7 @@ from exceptiondrive_schemas.protocol import (
 )
 from exceptiondrive_schemas.python310 import tomllib
 from exceptiondrive_schemas.reported import reported_entries
+from exceptiondrive_schemas.score_sheet import ReminderEffect
 from exceptiondrive_schemas.taxonomy import Strategy
 
 SWAPPED = ("E = 2, D = 3", "E = 3, D = 2")

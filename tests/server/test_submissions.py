@@ -12,7 +12,7 @@ from tests.support.application import entry
 from exceptiondrive_records.submissions.submissions import KEYS_ARE_KEPT
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_schemas.api.submission import SubmissionPage, SubmissionView
-from exceptiondrive_schemas.board import ReminderEffect
+from exceptiondrive_schemas.score_sheet import ReminderEffect
 
 if TYPE_CHECKING:
     from tests.support.application import Api

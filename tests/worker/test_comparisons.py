@@ -13,11 +13,11 @@ from exceptiondrive_records.protocols.protocols import add_protocol
 from exceptiondrive_records.splits.splits import publish_split
 from exceptiondrive_records.submissions.tables import ScoreSheetRow
 from exceptiondrive_schemas.base import bytes_digest
-from exceptiondrive_schemas.board import Board, PairedComparison, PairedDifference
+from exceptiondrive_schemas.board import Board, PairedComparison
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.protocol import packaged_protocol, packaged_protocol_toml
 from exceptiondrive_schemas.published import example_text
-from exceptiondrive_schemas.score_sheet import BreakdownRow, ScoreSheet
+from exceptiondrive_schemas.score_sheet import BreakdownRow, PairedDifference, ScoreSheet
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_scoring import bootstrap
 from exceptiondrive_scoring.bootstrap import SceneSums

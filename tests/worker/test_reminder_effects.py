@@ -21,10 +21,10 @@ from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.submissions.views import view
 from exceptiondrive_schemas.api.own_entries import link_words
 from exceptiondrive_schemas.api.submission import SubmissionView
-from exceptiondrive_schemas.board import Board, BoardEntry, PairedDifference, ReminderEffect
+from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.challenges import STRATEGY
 from exceptiondrive_schemas.protocol import ProtocolDocument, packaged_protocol
-from exceptiondrive_schemas.score_sheet import MetricRow
+from exceptiondrive_schemas.score_sheet import MetricRow, PairedDifference, ReminderEffect
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_scoring import compare as compare_module
 from exceptiondrive_scoring.interval import draws_cut_off

@@ -7,11 +7,11 @@ from typing import Literal
 from pydantic import Field
 
 from exceptiondrive_schemas.base import Document, content_digest
-from exceptiondrive_schemas.board import BoardNews, ReminderEffect
+from exceptiondrive_schemas.board import BoardNews
 from exceptiondrive_schemas.challenges import ChallengeId
 from exceptiondrive_schemas.protocols.difference import Difference
 from exceptiondrive_schemas.python310 import StrEnum
-from exceptiondrive_schemas.score_sheet import Interval, MetricRow, ProtocolRef
+from exceptiondrive_schemas.score_sheet import Interval, MetricRow, ProtocolRef, ReminderEffect
 from exceptiondrive_schemas.split import SplitRef
 
 

@@ -4,13 +4,12 @@ from datetime import datetime
 
 from exceptiondrive_schemas.api.phase_settings import PhaseNow, PhaseSettings, RunRule
 from exceptiondrive_schemas.base import Document
-from exceptiondrive_schemas.board import ReminderEffect
 from exceptiondrive_schemas.challenges import ChallengeId
 from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.method_facts import Links, MethodFacts
 from exceptiondrive_schemas.protocol import Average
 from exceptiondrive_schemas.python310 import StrEnum
-from exceptiondrive_schemas.score_sheet import HEADLINE, Interval, ScoreSheet
+from exceptiondrive_schemas.score_sheet import HEADLINE, Interval, ReminderEffect, ScoreSheet
 
 
 class SubmissionStatus(StrEnum):

@@ -11,9 +11,9 @@ from functools import lru_cache
 from typing import Literal, NamedTuple
 from unicodedata import east_asian_width
 
-from exceptiondrive_schemas.board import Board, BoardEntry, ReminderEffect
+from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.challenges import Corner, Metric
-from exceptiondrive_schemas.score_sheet import ClearanceCurve, Interval
+from exceptiondrive_schemas.score_sheet import ClearanceCurve, Interval, ReminderEffect
 from exceptiondrive_server.boards.entry_facts import (
     challenge_of,
     entry_key,

@@ -5,17 +5,11 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
-from exceptiondrive_schemas.board import (
-    Board,
-    BoardEntry,
-    FamilyHead,
-    PairedComparison,
-    PairedDifference,
-)
+from exceptiondrive_schemas.board import Board, BoardEntry, FamilyHead, PairedComparison
 from exceptiondrive_schemas.challenges import Challenge, Metric
 from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.protocol import ProtocolDocument
-from exceptiondrive_schemas.score_sheet import Interval, ScoreSheet
+from exceptiondrive_schemas.score_sheet import Interval, PairedDifference, ScoreSheet
 from exceptiondrive_server.boards.charts import labels_of
 from exceptiondrive_server.boards.entry_facts import challenge_of, entry_key, flags_of, is_barred
 from exceptiondrive_server.boards.table import short_title

@@ -24,12 +24,7 @@ from tests.server.pages.page_site import (
 )
 from tests.support.serving import served
 
-from exceptiondrive_schemas.board import (
-    Board,
-    FamilyCell,
-    PairedComparison,
-    PairedDifference,
-)
+from exceptiondrive_schemas.board import Board, FamilyCell, PairedComparison
 from exceptiondrive_schemas.challenges import STRATEGY
 from exceptiondrive_schemas.drawing import EntryDrawings
 from exceptiondrive_schemas.protocol import (
@@ -37,6 +32,7 @@ from exceptiondrive_schemas.protocol import (
 )
 from exceptiondrive_schemas.reported import reported_entries
 from exceptiondrive_schemas.score_sheet import (
+    PairedDifference,
     ScoreSheet,
 )
 

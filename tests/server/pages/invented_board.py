@@ -6,14 +6,7 @@ The invented entries exist here alone; nothing of them ships.
 import base64
 from datetime import UTC, datetime, timedelta
 
-from exceptiondrive_schemas.board import (
-    Board,
-    BoardEntry,
-    FamilyCell,
-    FamilyHead,
-    PairedDifference,
-    ReminderEffect,
-)
+from exceptiondrive_schemas.board import Board, BoardEntry, FamilyCell, FamilyHead
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.datasheet import (
     Agreement,
@@ -34,7 +27,9 @@ from exceptiondrive_schemas.protocol import (
 )
 from exceptiondrive_schemas.score_sheet import (
     Flag,
+    PairedDifference,
     ProtocolRef,
+    ReminderEffect,
 )
 from exceptiondrive_schemas.split import Manifest, SplitRef
 

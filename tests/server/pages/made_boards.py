@@ -15,7 +15,6 @@ from exceptiondrive_schemas.board import (
     FamilyCell,
     FamilyHead,
     PairedComparison,
-    PairedDifference,
 )
 from exceptiondrive_schemas.challenges import CHALLENGES, Challenge, ChallengeId
 from exceptiondrive_schemas.flags import FLAGS
@@ -25,6 +24,7 @@ from exceptiondrive_schemas.score_sheet import (
     Flag,
     Interval,
     MetricRow,
+    PairedDifference,
     ProtocolRef,
     ScoreSheet,
 )

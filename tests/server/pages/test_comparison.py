@@ -7,10 +7,10 @@ import pytest
 from tests.server.pages.invented_board import KEYS, STILL
 from tests.server.pages.page_site import fill
 
-from exceptiondrive_schemas.board import Board, PairedComparison, PairedDifference
+from exceptiondrive_schemas.board import Board, PairedComparison
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.protocol import packaged_protocol
-from exceptiondrive_schemas.score_sheet import BreakdownRow
+from exceptiondrive_schemas.score_sheet import BreakdownRow, PairedDifference
 from exceptiondrive_server.boards.comparison import (
     Comparison,
     Sheets,

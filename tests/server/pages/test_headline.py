@@ -7,8 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.server.pages.invented_board import PROTOCOL, STILL
 
-from exceptiondrive_schemas.board import Board, BoardEntry, PairedComparison, PairedDifference
+from exceptiondrive_schemas.board import Board, BoardEntry, PairedComparison
 from exceptiondrive_schemas.challenges import PLANNING, STRATEGY, RankKey
+from exceptiondrive_schemas.score_sheet import PairedDifference
 from exceptiondrive_server.boards.headline import headline
 from exceptiondrive_server.boards.query import BoardQuery
 from exceptiondrive_server.boards.table import board_table

@@ -2,7 +2,8 @@
 
 from typing import Any
 
-from exceptiondrive_schemas.board import Board, PairedComparison, PairedDifference
+from exceptiondrive_schemas.board import Board, PairedComparison
+from exceptiondrive_schemas.score_sheet import PairedDifference
 from exceptiondrive_server.boards.comparison import Comparison
 from exceptiondrive_server.web.numbers import MINUS, Digits
 

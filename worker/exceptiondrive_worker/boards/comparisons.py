@@ -16,10 +16,10 @@ import numpy as np
 
 from exceptiondrive_records.boards.standings import EntryRecord
 from exceptiondrive_schemas.base import canonical_json
-from exceptiondrive_schemas.board import BoardEntry, PairedComparison, PairedDifference
+from exceptiondrive_schemas.board import BoardEntry, PairedComparison
 from exceptiondrive_schemas.challenges import Challenge, Metric
 from exceptiondrive_schemas.protocol import ProtocolDocument
-from exceptiondrive_schemas.score_sheet import MetricRow, ScoreSheet
+from exceptiondrive_schemas.score_sheet import MetricRow, PairedDifference, ScoreSheet
 from exceptiondrive_scoring.aliases import Columns
 from exceptiondrive_scoring.bootstrap import Uncertainty, bootstrap
 from exceptiondrive_scoring.compare import (

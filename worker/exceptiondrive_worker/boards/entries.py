@@ -9,12 +9,12 @@ import numpy as np
 
 from exceptiondrive_records.boards.documents import Sharing
 from exceptiondrive_records.boards.standings import EntryRecord
-from exceptiondrive_schemas.board import BoardEntry, FamilyCell, FamilyHead, ReminderEffect
+from exceptiondrive_schemas.board import BoardEntry, FamilyCell, FamilyHead
 from exceptiondrive_schemas.challenges import Challenge
 from exceptiondrive_schemas.coverage import unranked_flags, unranked_reasons
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.references import REFERENCES, TEAM, Reference
-from exceptiondrive_schemas.score_sheet import Interval, ScoreSheet
+from exceptiondrive_schemas.score_sheet import Interval, ReminderEffect, ScoreSheet
 from exceptiondrive_scoring.aliases import FloatArray
 from exceptiondrive_scoring.bootstrap import Uncertainty
 from exceptiondrive_scoring.rank import long_rank_intervals, ranks, told_rank_intervals

@@ -8,9 +8,8 @@ from collections.abc import Sequence
 
 from exceptiondrive_records.boards.standings import EntryRecord
 from exceptiondrive_schemas.base import canonical_json
-from exceptiondrive_schemas.board import ReminderEffect
 from exceptiondrive_schemas.challenges import Challenge
-from exceptiondrive_schemas.score_sheet import MetricRow
+from exceptiondrive_schemas.score_sheet import MetricRow, ReminderEffect
 from exceptiondrive_scoring.compare import Comparison, compare
 from exceptiondrive_worker.boards.comparisons import (
     Standing,
