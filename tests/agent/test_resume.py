@@ -106,7 +106,7 @@ def test_samples_that_have_not_been_asked_come_before_those_that_failed(
     endpoint.answer = refuses_below(endpoint, 2)
     assert bench.report("decide", "--limit", "3")["failed"] == {"request_refused": 2}
     endpoint.seen.clear()
-    assert bench.report("decide", "--limit", "3")["answered"] == 3
+    assert bench.report("decide", "--limit", "3", "--concurrency", "1")["answered"] == 3
     assert [shade_of(seen) for seen in endpoint.seen][:2] == [3, 4]
 
 

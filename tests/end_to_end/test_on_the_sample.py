@@ -294,7 +294,7 @@ def test_the_walk_of_a_protocol_update_runs_as_typed(sample_system: System, tmp_
             known["RUN"] = run[1]
         if digest := re.search(r"^preview (sha256:\w+)$", done.stdout, re.MULTILINE):
             known["DIGEST"] = digest[1]
-    assert any("d safe scale 1.0 -> 1.5" in screen for screen in screens)
+    assert any("factor of every required clearance 1.0 -> 1.5" in screen for screen in screens)
     assert screens[-1].startswith(f"run {known['RUN']}  rolled_back  phase sample  1.1 -> 1.2")
     assert ranked(sample_system) == before
 
