@@ -3,8 +3,9 @@
 import itertools
 import json
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import httpx
@@ -12,6 +13,9 @@ import pytest
 from tests.support.application import entry
 from tests.support.serving import served
 
+from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.submissions.submissions import find_submission
+from exceptiondrive_records.submissions.views import view
 from exceptiondrive_server.submissions import events
 
 if TYPE_CHECKING:
@@ -26,6 +30,18 @@ def events_of(text: str) -> list[dict[str, Any]]:
         for line in block
         if line.startswith("data: ")
     ]
+
+
+@contextmanager
+def following(api: "Api", submission_id: str) -> Iterator[Iterator[str]]:
+    """The parts of a stream as they come, from a server of its own."""
+    path = f"/api/v1/submissions/{submission_id}/events"
+    bearer = {"Authorization": f"Bearer {api.tokens['alpha']}"}
+    with (
+        served(api.app) as address,
+        httpx.stream("GET", address + path, headers=bearer, timeout=60) as stream,
+    ):
+        yield stream.iter_text()
 
 
 def test_a_submission_that_has_ended_is_told_once(api: "Api") -> None:
@@ -45,13 +61,7 @@ def test_changes_are_told_until_the_board_has_it(
 ) -> None:
     api = make_api(database_url, events_longest_s=60)
     own = api.submit("a").json()["id"]
-    path = f"/api/v1/submissions/{own}/events"
-    bearer = {"Authorization": f"Bearer {api.tokens['alpha']}"}
-    with (
-        served(api.app) as address,
-        httpx.stream("GET", address + path, headers=bearer, timeout=60) as stream,
-    ):
-        parts = stream.iter_text()
+    with following(api, own) as parts:
         told = next(parts)
         api.score(own)
         while '"awaits_board":true' not in told:
@@ -65,18 +75,25 @@ def test_changes_are_told_until_the_board_has_it(
     assert all(one != other for one, other in itertools.pairwise(events))
 
 
+def test_a_board_that_comes_while_a_submission_is_read_is_awaited(api_on_both: "Api") -> None:
+    """Each statement of PostgreSQL sees what is there by then: the board was read before."""
+    own = api_on_both.submit("a").json()["id"]
+    api_on_both.score(own)
+    with api_on_both.database.read() as session:
+        submission = find_submission(session, own, team_id=None)
+        phase = session.get_one(Phase, submission.phase_id)
+        assert phase.current_board_id is None
+        api_on_both.publish(entry("Planner", submission_id=own))
+        assert view(session, submission).awaits_board
+    assert api_on_both.get(f"/submissions/{own}", "alpha").json()["rank"] == 1
+
+
 def test_nothing_more_is_told_once_the_token_is_revoked(
     make_api: Callable[..., "Api"], sqlite_url: str
 ) -> None:
     api = make_api(sqlite_url, events_longest_s=60)
     own = api.submit("a").json()["id"]
-    path = f"/api/v1/submissions/{own}/events"
-    bearer = {"Authorization": f"Bearer {api.tokens['alpha']}"}
-    with (
-        served(api.app) as address,
-        httpx.stream("GET", address + path, headers=bearer, timeout=60) as stream,
-    ):
-        parts = stream.iter_text()
+    with following(api, own) as parts:
         told = next(parts)
         api.post(f"/tokens/{api.tokens['alpha'].split('_')[2]}/revoke", "alpha")
         api.score(own)
@@ -89,13 +106,7 @@ def test_a_stream_ends_with_its_token_though_nothing_changes(
 ) -> None:
     monkeypatch.setattr(events, "KEEP_ALIVE_S", 0.0)
     api = make_api(sqlite_url, events_longest_s=3600)
-    path = f"/api/v1/submissions/{api.submit('a').json()['id']}/events"
-    bearer = {"Authorization": f"Bearer {api.tokens['alpha']}"}
-    with (
-        served(api.app) as address,
-        httpx.stream("GET", address + path, headers=bearer, timeout=60) as stream,
-    ):
-        parts = stream.iter_text()
+    with following(api, api.submit("a").json()["id"]) as parts:
         assert ": still here" in next(parts) + next(parts)
         api.post(f"/tokens/{api.tokens['alpha'].split('_')[2]}/revoke", "alpha")
         more = list(itertools.islice(parts, 20))
@@ -107,14 +118,8 @@ def test_a_stream_ends_in_order_when_its_team_becomes_part_of_another(
     make_api: Callable[..., "Api"], sqlite_url: str
 ) -> None:
     api = make_api(sqlite_url, events_longest_s=3600)
-    path = f"/api/v1/submissions/{api.submit('a').json()['id']}/events"
-    bearer = {"Authorization": f"Bearer {api.tokens['alpha']}"}
     merged = {"into": "beta", "reason": "one group"}
-    with (
-        served(api.app) as address,
-        httpx.stream("GET", address + path, headers=bearer, timeout=60) as stream,
-    ):
-        parts = stream.iter_text()
+    with following(api, api.submit("a").json()["id"]) as parts:
         told = next(parts)
         done = api.post("/organizer/teams/alpha/merge", "organizer", json=merged)
         assert done.status_code == 200, done.text

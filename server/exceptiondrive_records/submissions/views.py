@@ -147,9 +147,13 @@ class _Seen:
 
     @cached_property
     def is_board_coming(self) -> bool:
-        """Whether the board is being built that will show what came in time."""
-        return not self.is_frozen and is_board_wanted(
-            self._session, self.phase.id, *key_of_phase(self.phase)
+        """Whether the board that will show what came in time is being built, or is there since the phase was read."""
+        if self.is_frozen:
+            return False
+        shown = select(Phase.current_board_id).where(Phase.id == self.phase.id)
+        return (
+            is_board_wanted(self._session, self.phase.id, *key_of_phase(self.phase))
+            or self._session.scalar(shown) != self.phase.current_board_id
         )
 
     @cached_property
@@ -190,8 +194,6 @@ def _view(
 ) -> SubmissionView:
     phase, is_scored = seen.phase, submission.is_scored
     can_be_confirmed = submission.can_be_confirmed(seen.now)
-    # Asked before the entries: of a board that comes in between neither would be seen.
-    is_board_coming = is_scored and seen.is_board_coming
     shown = seen.entries.get(submission.id) if is_scored else None
     holder = seen.replaced_by.get(submission.id)
     run_rule, is_chosen = seen.rules.get(submission.id, ("newest", False))
@@ -243,7 +245,7 @@ def _view(
         rank_interval=shown.rank_interval if shown else None,
         intervals=shown.intervals if shown else {},
         unranked_because=unranked_because,
-        awaits_board=is_to_come and is_board_coming,
+        awaits_board=is_to_come and seen.is_board_coming,
         awaits_profile=awaits_profile,
         confirm_until=submission.confirm_until if can_be_confirmed else None,
         confirmed_as=submission.confirmed_as,
