@@ -100,7 +100,7 @@ Path = tuple[str | int, ...]
 class FaultList:
     """The faults of one file. Holds a bounded number of examples, however many faults there are."""
 
-    is_converted = True
+    is_convertible = True
     """Whether `exceptiondrive convert` reads such files; else no hint leads there."""
 
     def __init__(self) -> None:
@@ -140,7 +140,7 @@ class FaultList:
         is_new = sample_id is None or self._note_sample(code, sample_id)
         examples = self._examples.setdefault(code, [])
         if is_new and len(examples) < MAX_EXAMPLES:
-            if hint is not None and not self.is_converted:
+            if hint is not None and not self.is_convertible:
                 hint = BY_CONVERT.sub("", hint) or None
             fault = Fault(
                 path=json_path(path), sample_id=sample_id, expected=expected, got=got, hint=hint
