@@ -247,6 +247,7 @@ class SubmissionReader:
         self._n_ids_as_keys = 0
         self._n_trajectories = 0
         self._wrapped_in: list[str] = []
+        self._has_columns = False
         self._is_of_another_form = False
         self._absent: Counter[str] = Counter()
         self.faults = faults
@@ -364,14 +365,15 @@ class SubmissionReader:
 
     def _refuse_other_form(self) -> None:
         """Say what a document without any of our keys looks like, in place of its many faults."""
+        hint = f"looks like another form of it; {self._convert}"
         if len(self._wrapped_in) == 1:
             hint = "write what is under it alone into the file"
             got = f"everything under the key {quoted(self._wrapped_in[0])}"
         elif self._n_ids_as_keys >= MIN_IDS_AS_KEYS:
             got = f"an object with {counted(self._n_ids_as_keys, 'value')} under other keys"
             got += ": sample ids, or columns"
-            hint = "write a list of predictions, one object a sample; "
-            hint += f"{self._convert} where the keys are ids"
+            if self._has_columns:
+                hint = "write a list of predictions, one object a sample"
         else:
             return
         self._is_of_another_form = True
@@ -405,6 +407,7 @@ class SubmissionReader:
             self._stream.value()
             return
         self._n_ids_as_keys += 1
+        self._has_columns |= key == "sample_id" or (key in OUR_KEYS and first == "{")
         if first == "[":
             listed: list[Any] = []
 
