@@ -10,7 +10,7 @@ from fastapi import FastAPI
 from exceptiondrive_records.db.settings import load_settings
 from exceptiondrive_records.operations.logs import set_up_logs
 from exceptiondrive_server.routes import ROUTES, WEBHOOKS
-from exceptiondrive_server.web.browser_session import lead_to_sign_in
+from exceptiondrive_server.web.browser_session import lead_browsers
 from exceptiondrive_server.web.compression import PublicCompression
 from exceptiondrive_server.web.limits.body_limit import RequestLimits
 from exceptiondrive_server.web.limits.page_places import PagePlaces
@@ -55,7 +55,7 @@ def create_app(settings: ServerSettings) -> FastAPI:
     install_problem_handlers(app)
     mount_static(app)  # before all that has to be worked out
     app.router.routes.extend(ROUTES.routes)
-    lead_to_sign_in(app)
+    lead_browsers(app)
     app.openapi = lambda: describe(app)  # type: ignore[method-assign]
     return app
 

@@ -30,7 +30,7 @@ from exceptiondrive_server.boards.query import (
     BoardQuery,
     BoardQueryOf,
     board_query_of,
-    without_unknown,
+    require_known,
 )
 from exceptiondrive_server.boards.reported import reported_of
 from exceptiondrive_server.guide.client_files import client_wheel
@@ -69,8 +69,7 @@ def show_board(request: Request) -> Response:
     asked = request.query_params
     if "apply" in asked or "order" in asked:  # sent by the filter form: its address is made short
         return RedirectResponse(board_query_of(request).url(), status_code=303)
-    if short := without_unknown(request):
-        return RedirectResponse(short, status_code=308)
+    require_known(request)
     if holder_of(request) is not Holder.VISITOR:
         return _signed_in_board(request)
     return public_page(request, "boards/board.html", "board", lambda it: _public_board(it, request))
@@ -104,8 +103,7 @@ def _own_submissions(
 @router.get("/history")
 def show_history(request: Request, query: BoardQueryOf) -> Response:
     """Show every board that a phase ever had."""
-    if short := without_unknown(request):
-        return RedirectResponse(short, status_code=308)
+    require_known(request)
     return public_page(request, "boards/history.html", "board", lambda it: _history(it, query))
 
 

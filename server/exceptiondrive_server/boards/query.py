@@ -19,6 +19,7 @@ from exceptiondrive_schemas.board import EntrySource
 from exceptiondrive_schemas.challenges import CHALLENGES, KnownChallenge
 from exceptiondrive_schemas.datetimes import Moment
 from exceptiondrive_schemas.method_facts import LABELS
+from exceptiondrive_server.web.browser_session import Elsewhere
 
 Average = Literal["macro_family", "micro"]
 SOURCES: tuple[EntrySource, ...] = ("scored", "reference", "reported")
@@ -209,17 +210,16 @@ _KEYS = frozenset(
 """What `BoardQuery.parse` reads of an address."""
 
 
-def without_unknown(request: Request, *further: str) -> str | None:
-    """Return the address without what a page does not ask for, where there is such.
+def require_known(request: Request, *further: str) -> None:
+    """Lead to the address without what a page does not ask for, where there is such.
 
     Each would be a page of its own to be kept. `further` is what the page reads besides a board.
     """
     known = _KEYS.union(further)
-    if known.issuperset(request.query_params):
-        return None
-    kept = [(key, value) for key, value in request.query_params.multi_items() if key in known]
-    query = urlencode(kept, safe=",:")
-    return f"{request.url.path}{'?' + query if query else ''}"
+    if not known.issuperset(request.query_params):
+        kept = [(key, value) for key, value in request.query_params.multi_items() if key in known]
+        query = urlencode(kept, safe=",:")
+        raise Elsewhere(f"{request.url.path}{'?' + query if query else ''}", status=308)
 
 
 BoardQueryOf = Annotated[BoardQuery, Depends(board_query_of)]

@@ -1,19 +1,20 @@
 """Routes of the entry page and of the comparison."""
 
 from fastapi import APIRouter, Request
-from fastapi.responses import RedirectResponse, Response
+from fastapi.responses import Response
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_server.boards.entry_facts import entry_key, find_entry
 from exceptiondrive_server.boards.pictures import painted_picture
-from exceptiondrive_server.boards.query import board_query_of, without_unknown
+from exceptiondrive_server.boards.query import board_query_of, require_known
 from exceptiondrive_server.entries.compare import compare_address, compare_page
 from exceptiondrive_server.entries.pictures import badge, entry_picture
 from exceptiondrive_server.entries.queries import EntryData, read_comparison, read_entry
 from exceptiondrive_server.entries.scenes import Scenes, read_scenes
 from exceptiondrive_server.entries.view import entry_page, sample_page
 from exceptiondrive_server.web.auth import ServicesOf
+from exceptiondrive_server.web.browser_session import Elsewhere
 from exceptiondrive_server.web.etag import PROXY_KEEPS, conditional
 from exceptiondrive_server.web.responses import SECURITY_HEADERS, Reading, public_page
 from exceptiondrive_server.web.services import Services
@@ -25,8 +26,7 @@ router = APIRouter(include_in_schema=False)
 @router.get("/entries/{key}")
 def show_entry(request: Request, key: str) -> Response:
     """Show an entry as it stands on a board."""
-    if short := without_unknown(request):
-        return RedirectResponse(short, status_code=308)
+    require_known(request)
 
     def read(session: Session) -> Reading:
         reading = read_entry(session, key, board_query_of(request))
@@ -38,8 +38,7 @@ def show_entry(request: Request, key: str) -> Response:
 @router.get("/entries/{key}/samples/{place}")
 def show_sample(request: Request, key: str, place: str) -> Response:
     """Show one drawn sample of an entry on a public split."""
-    if short := without_unknown(request):
-        return RedirectResponse(short, status_code=308)
+    require_known(request)
 
     def read(session: Session) -> Reading:
         reading = read_entry(session, key, board_query_of(request))
@@ -54,8 +53,7 @@ def show_sample(request: Request, key: str, place: str) -> Response:
 @router.get("/scenes")
 def show_scenes(request: Request) -> Response:
     """Show the scenes of a board in motion: its leader, and up to two more entries that are named."""
-    if short := without_unknown(request, "with"):
-        return RedirectResponse(short, status_code=308)
+    require_known(request, "with")
 
     def read(session: Session) -> Reading:
         scenes = _scenes(session, request)
@@ -95,18 +93,10 @@ def show_entry_picture(request: Request, services: ServicesOf, key: str) -> Resp
 @router.get("/compare")
 def show_comparison(request: Request) -> Response:
     """Compare two or more entries of one board; names that were typed become their keys."""
-    if short := without_unknown(request, "a", "b"):
-        return RedirectResponse(short, status_code=308)
-    try:
-        return public_page(
-            request, "entries/compare.html", "compare", lambda it: _comparison(it, request)
-        )
-    except _NamesTyped as names:
-        return RedirectResponse(str(names), status_code=303)
-
-
-class _NamesTyped(Exception):  # noqa: N818 - no error: it holds the address with keys
-    pass
+    require_known(request, "a", "b")
+    return public_page(
+        request, "entries/compare.html", "compare", lambda it: _comparison(it, request)
+    )
 
 
 def _comparison(session: Session, request: Request) -> Reading:
@@ -117,7 +107,7 @@ def _comparison(session: Session, request: Request) -> Reading:
     if board and any(find_entry(board, value) is None for value in asked):
         kept = [(key, value) for key, value in pairs if key not in ("a", "b", "more")]
         keys = [entry_key(entry) for entry in reading.entries]
-        raise _NamesTyped(compare_address(kept, keys))
+        raise Elsewhere(compare_address(kept, keys))
     return reading.board.outline, lambda: compare_page(reading)
 
 

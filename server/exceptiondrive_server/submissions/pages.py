@@ -57,8 +57,8 @@ from exceptiondrive_server.submissions.view import actions_of, policy_sentences,
 from exceptiondrive_server.web.auth import own_team
 from exceptiondrive_server.web.browser_session import (
     Browser,
+    Elsewhere,
     MaybeSignedIn,
-    PhaseNeeded,
     PostedForm,
     SignedIn,
     require_form_token,
@@ -256,7 +256,7 @@ def show_my_submissions(
     require_scope(browser, Scope.READ_OWN)
     who = browser.principal
     if who.phases:
-        raise PhaseNeeded(min(who.phases))
+        raise Elsewhere(f"/organize/phases/{min(who.phases)}")
     with browser.services.database.read() as session:
         team_id = own_team(who)
         found, following = submission_page(session, team_id=team_id, after=after, limit=SHOWN)

@@ -75,15 +75,12 @@ class SignInNeeded(Exception):  # noqa: N818 - named for what it asks
     """A page is for teams; the browser is led to the sign-in page and back."""
 
 
-class PhaseNeeded(Exception):  # noqa: N818 - named for what it asks
-    """An organizer of a phase alone asked for what is of the whole site; they are led to theirs."""
+class Elsewhere(Exception):  # noqa: N818 - no error: it says where to
+    """What a browser asked for stands at another address, or another page is for who asked."""
 
-    def __init__(self, phase_id: str) -> None:
-        self.phase_id = phase_id
-
-
-class TeamNeeded(Exception):  # noqa: N818 - named for what it asks
-    """A page is for members of a team; the browser is led to where one is joined or chosen."""
+    def __init__(self, address: str, status: int = 303) -> None:
+        self.address = address
+        self.status = status
 
 
 def holder_of(request: Request) -> Holder:
@@ -148,12 +145,15 @@ PostedForm = Annotated[FormData, Depends(posted_form)]
 
 
 def require_scope(browser: SignedIn, *scopes: Scope) -> None:
-    """Refuse what the token of the session may not do: it takes any of the scopes."""
+    """Refuse what the token of the session may not do: it takes any of the scopes.
+
+    Who acts for no team is led to where one is joined or chosen.
+    """
     who = browser.principal
     if not who.scopes.isdisjoint(scopes):
         return
     if who.person_id is not None and who.team_id is None:
-        raise TeamNeeded
+        raise Elsewhere("/my/team")
     detail = f"You signed in with a token that lacks the scope {scopes[0].value!r}."
     raise ApiProblem(ProblemCode.NOT_ALLOWED, detail)
 
@@ -245,11 +245,10 @@ def _own_origins(request: Request) -> set[str]:
     return own | {f"{parts.scheme}://{parts.netloc}"} if parts.netloc else own
 
 
-def lead_to_sign_in(app: FastAPI) -> None:
-    """Lead a browser that is not signed in to the sign-in page, and from there back."""
+def lead_browsers(app: FastAPI) -> None:
+    """Lead a browser that is not signed in to the sign-in page, and from there back; others elsewhere."""
     app.add_exception_handler(SignInNeeded, _to_sign_in)
-    app.add_exception_handler(TeamNeeded, _to_team)
-    app.add_exception_handler(PhaseNeeded, _to_phase)
+    app.add_exception_handler(Elsewhere, _elsewhere)
 
 
 async def _to_sign_in(request: Request, error: Exception) -> Response:
@@ -277,10 +276,6 @@ def _page_of(request: Request) -> str:
     return "/my"
 
 
-async def _to_team(request: Request, error: Exception) -> Response:
-    return RedirectResponse("/my/team", status_code=303)
-
-
-async def _to_phase(request: Request, error: Exception) -> Response:
-    assert isinstance(error, PhaseNeeded)
-    return RedirectResponse(f"/organize/phases/{error.phase_id}", status_code=303)
+async def _elsewhere(request: Request, error: Exception) -> Response:
+    assert isinstance(error, Elsewhere)
+    return RedirectResponse(error.address, status_code=error.status)

@@ -14,7 +14,7 @@ from exceptiondrive_records.accounts.tokens import Principal
 from exceptiondrive_records.db.errors import RecordsError
 from exceptiondrive_schemas.api.form_fields import FormField
 from exceptiondrive_schemas.printable import counted
-from exceptiondrive_server.web.browser_session import Browser, PhaseNeeded, PostedForm, SignedIn
+from exceptiondrive_server.web.browser_session import Browser, Elsewhere, PostedForm, SignedIn
 from exceptiondrive_server.web.forms import changed, filled, read, typed
 from exceptiondrive_server.web.organizer_rights import may_change, require_right, what_lacks
 from exceptiondrive_server.web.responses import private_page
@@ -84,11 +84,11 @@ def organizing(browser: Browser) -> SignedIn:
 
     Raises:
         SignInNeeded: Nobody did.
-        PhaseNeeded: The overview of the site was asked for, with a role for single phases.
+        Elsewhere: The overview of the site was asked for, with a role for single phases.
         ApiProblem: The session is not an organizer's, or the role is not enough: 403, as the API.
     """
     if browser.request.url.path == "/organize" and browser.principal.phases:
-        raise PhaseNeeded(min(browser.principal.phases))
+        raise Elsewhere(f"/organize/phases/{min(browser.principal.phases)}")
     require_right(browser.request, browser.services, browser.principal)
     return browser
 

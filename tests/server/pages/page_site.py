@@ -57,7 +57,7 @@ from exceptiondrive_server.boards import api as boards
 from exceptiondrive_server.boards import pages as board_pages
 from exceptiondrive_server.routes import PAGES
 from exceptiondrive_server.splits import api as splits
-from exceptiondrive_server.web.browser_session import lead_to_sign_in
+from exceptiondrive_server.web.browser_session import lead_browsers
 from exceptiondrive_server.web.kept_pages import KeptPages
 from exceptiondrive_server.web.problems import install_problem_handlers
 from exceptiondrive_server.web.services import SiteState
@@ -95,7 +95,7 @@ class Site:
         self.app.state.services = Services(database)
         self.app.router.routes.extend(ROUTES.routes)
         install_problem_handlers(self.app)
-        lead_to_sign_in(self.app)
+        lead_browsers(self.app)
         mount_static(self.app)
 
     async def get(self, path: str, **headers: str) -> httpx.Response:
