@@ -33,8 +33,6 @@ BY_RANK = "rank"
 PageRows = Literal["20", "100", "all"]
 PAGE_ROWS: Mapping[PageRows, int] = {"20": 20, "100": 100, "all": 1000}
 """Scored rows of a page; `all` has an end, so that no address makes a page without one."""
-DEFAULT_SORT = BY_RANK
-"""The order in which a board is given where nobody asks for another; one that boards of every challenge have."""
 MAX_SEARCH = 80
 MAX_CHOSEN = 5
 _SIGNS = {"ascending": "", "descending": "-"}
@@ -70,7 +68,7 @@ class BoardQuery(BaseModel):
         description="`late`: with the entries that came after the deadline, ranked among all",
     )
     sort: str = Field(
-        default_factory=lambda: DEFAULT_SORT,
+        BY_RANK,
         max_length=64,
         pattern=r"^-?[a-z][a-z0-9_.-]*$",
         description="what to sort by, `-` in front for descending; ranks stay, and entries without "
@@ -173,7 +171,7 @@ class BoardQuery(BaseModel):
             ("source", self.source),
             ("average", self.average),
             ("q", self.search or None),
-            ("sort", self.sort if self.sort != DEFAULT_SORT else None),
+            ("sort", self.sort if self.sort != BY_RANK else None),
             ("page", self.page if self.page > 1 else None),
             ("rows", self.rows if self.rows != "20" else None),
             ("fact", ",".join(sorted(self.facts)) or None),
@@ -253,9 +251,7 @@ def documented() -> dict[str, Any]:
 def _parameter(name: str, schema: dict[str, Any]) -> dict[str, Any]:
     kinds = [kind for kind in schema.get("anyOf", [schema]) if kind["type"] != "null"]
     shown = kinds[0] if len(kinds) == 1 else {"anyOf": kinds}
-    plain = {key: shown[key] for key in shown if key not in ("title", "description", "default")}
-    if name == "sort":
-        plain["default"] = DEFAULT_SORT
+    plain = {key: shown[key] for key in shown if key not in ("title", "description")}
     described = {"name": name, "in": "query", "required": False}
     return {**described, "description": schema["description"], "schema": plain}
 

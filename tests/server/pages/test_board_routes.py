@@ -15,7 +15,6 @@ from tests.server.pages.reading import read
 
 from exceptiondrive_schemas.api.phase_settings import PhasePolicy
 from exceptiondrive_schemas.board import Board, FamilyCell
-from exceptiondrive_server.boards import query as board_query
 from exceptiondrive_server.boards.charts import best_entries
 from exceptiondrive_server.boards.entry_facts import entry_key
 from exceptiondrive_server.web.static_files import STATIC, STYLES
@@ -186,17 +185,15 @@ async def shown_order(site: Any, query: str) -> list[list[str]]:
     return found
 
 
-async def test_the_default_sort_is_one_constant(
-    lively_site: Any, monkeypatch: pytest.MonkeyPatch
+async def test_a_board_stands_by_rank_wherever_nobody_asks_for_another_order(
+    lively_site: Any,
 ) -> None:
-    by_rank = await shown_order(lively_site, "?sort=rank")
-    monkeypatch.setattr(board_query, "DEFAULT_SORT", "-ur")
-    by_ur = await shown_order(lively_site, "")
+    found = await shown_order(lively_site, "")
     board = Board.model_validate_json((await lively_site.get("/api/v1/leaderboard")).content)
-    assert by_ur[0] == [entry.method for entry in board.entries if entry.source == "scored"]
-    assert by_ur[0] == by_ur[1] == by_ur[2]
-    assert by_ur != by_rank
-    assert await shown_order(lively_site, "?sort=rank") == by_rank
+    assert found[0] == [entry.method for entry in board.entries if entry.source == "scored"]
+    assert found[0] == found[1] == found[2]
+    assert found == await shown_order(lively_site, "?sort=rank")
+    assert found != await shown_order(lively_site, "?sort=-ur")
 
 
 async def test_an_address_with_an_order_in_words_leads_to_the_one_with_a_sign(
