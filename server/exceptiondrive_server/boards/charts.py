@@ -265,20 +265,20 @@ def scatter_chart(
         return None
     foot = 72.0 if any(corner.startswith("bottom") for corner in words.corners) else 52.0
     frame = Frame(width, height, top=32.0, bottom=height - foot)
-    x_values, x_intervals = [m.x for m in marks], [m.x_interval for m in marks]
-    y_values, y_intervals = [m.y for m in marks], [m.y_interval for m in marks]
+    x_values = [value for m in marks for value in (m.x, *(m.x_interval or ()))]
+    y_values = [value for m in marks for value in (m.y, *(m.y_interval or ()))]
     if words.same_scale:
-        x_scale = _scale([*x_values, *y_values], [*x_intervals, *y_intervals], frame.across, width)
-        y_scale, frame = _like_along_x(x_scale, frame, foot, y_values, y_intervals)
+        x_scale = _scale([*x_values, *y_values], frame.across, width)
+        y_scale, frame = _like_along_x(x_scale, frame, foot, y_values)
     else:
-        x_scale = _scale(x_values, x_intervals, frame.across, width)
-        y_scale = _scale(y_values, y_intervals, frame.upwards, width)
+        x_scale = _scale(x_values, frame.across, width)
+        y_scale = _scale(y_values, frame.upwards, width)
     drawn = {entry_key(mark.entry) for mark in marks}
     corners = _corners(words.corners, x_scale, y_scale)
     return ScatterChart(
         frame=frame,
-        x_ticks=_ticks(x_scale),
-        y_ticks=_ticks(y_scale),
+        x_ticks=ticks_of(x_scale),
+        y_ticks=ticks_of(y_scale),
         corners=corners,
         points=tuple(_point(mark, x_scale, y_scale, metrics) for mark in marks),
         arrows=effect_arrows([mark.entry for mark in marks], metrics, x_scale, y_scale)
@@ -317,33 +317,20 @@ def _times_100(interval: Interval | None) -> Interval | None:
     return None if interval is None else (interval[0] * 100, interval[1] * 100)
 
 
-def _scale(
-    values: Sequence[float],
-    intervals: Sequence[Interval | None],
-    extent: tuple[float, float],
-    width: int,
-) -> Scale:
-    """From 0 to what holds every value and interval, 100 at the most."""
-    ends = [end for interval in intervals if interval for end in interval]
+def _scale(values: Sequence[float], extent: tuple[float, float], width: int) -> Scale:
+    """From 0 to what holds every value, 100 at the most."""
     n_ticks = 6 if width > 480 else 5
-    return nice_scale(
-        [*values, *ends], extent, n_ticks=n_ticks, floor=0.0, ceiling=100.0, include=(0.0, 1.0)
-    )
+    return nice_scale(values, extent, n_ticks=n_ticks, floor=0.0, ceiling=100.0, include=(0.0, 1.0))
 
 
 def _like_along_x(
-    x: Scale,
-    frame: Frame,
-    foot: float,
-    values: Sequence[float],
-    intervals: Sequence[Interval | None],
+    x: Scale, frame: Frame, foot: float, values: Sequence[float]
 ) -> tuple[Scale, Frame]:
     """Return a y on which a point is as long as along x, and a frame as high as that y asks.
 
     It ends at the first tick above all that it holds, and above a quarter of x, where labels find room.
     """
-    ends = [end for interval in intervals if interval for end in interval]
-    needed = max(*values, *ends, x.domain[1] / 4)
+    needed = max(*values, x.domain[1] / 4)
     top = next((tick for tick in x.ticks if tick >= needed - 1e-9), x.domain[1])
     bottom = frame.top + (frame.right - frame.left) * top / x.domain[1]
     cut = Frame(frame.width, math.ceil(bottom + foot), frame.top, bottom, frame.left)
@@ -351,7 +338,8 @@ def _like_along_x(
     return Scale((0.0, top), cut.upwards, ticks), cut
 
 
-def _ticks(scale: Scale) -> tuple[Tick, ...]:
+def ticks_of(scale: Scale) -> tuple[Tick, ...]:
+    """Return the ticks of a scale, each with as many decimals as all need."""
     decimals = scale.tick_decimals
     return tuple(Tick(px(scale.at(tick)), fixed(tick, decimals)) for tick in scale.ticks)
 

@@ -186,7 +186,6 @@ def dot_plot(
     scale = nice_scale(
         [*(100 * value for value in known), *ends],
         (left, right),
-        n_ticks=5,
         floor=0.0,
         ceiling=100.0,
         include=(0.0, 10.0),

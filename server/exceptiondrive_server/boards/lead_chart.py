@@ -8,7 +8,7 @@ from typing import NamedTuple
 from exceptiondrive_records.boards.boards import Lead
 from exceptiondrive_schemas.board import BoardLeader
 from exceptiondrive_schemas.challenges import Metric
-from exceptiondrive_server.boards.charts import Box, Frame, Label, Tick, place_labels
+from exceptiondrive_server.boards.charts import Box, Frame, Label, Tick, place_labels, ticks_of
 from exceptiondrive_server.web.numbers import Digits, day, minute, nice_scale, px
 
 N_DATES = 4
@@ -78,13 +78,8 @@ def lead_chart(
     def along(at: datetime) -> float:
         return left + min(max((at - start) / span, 0.0), 1.0) * (right - left)
 
-    scale = nice_scale(
-        [100 * change.value for change in changes],
-        frame.upwards,
-        n_ticks=5,
-        floor=0.0,
-        ceiling=100.0,
-    )
+    values = [100 * change.value for change in changes]
+    scale = nice_scale(values, frame.upwards, floor=0.0, ceiling=100.0)
     places = [(along(change.lead.at), scale.at(100 * change.value)) for change in changes]
     ends = [*(x for x, _ in places[1:]), right]
     steps: list[list[str]] = []
@@ -107,9 +102,7 @@ def lead_chart(
     return LeadChart(
         frame=frame,
         x_ticks=tuple(_dates(start, span, frame, N_DATES if width > 480 else 3)),
-        y_ticks=tuple(
-            Tick(px(scale.at(tick)), f"{tick:.{scale.tick_decimals}f}") for tick in scale.ticks
-        ),
+        y_ticks=ticks_of(scale),
         steps=tuple(" ".join(each) for each in steps),
         points=tuple(
             LeadPoint(px(x), px(y), _title(change, metric, digits), change.is_new_leader)

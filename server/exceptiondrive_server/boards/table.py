@@ -37,6 +37,7 @@ from exceptiondrive_server.boards.query import (
 from exceptiondrive_server.boards.selection import (
     FactChip,
     fact_choices,
+    facts_of,
     found_entries,
     sort_entries,
 )
@@ -193,7 +194,6 @@ class RowBuilder:
 
     def row(self, entry: BoardEntry) -> Row:
         """Build one row."""
-        told = self.facts.get(entry.submission_id or "")
         values = values_of(entry, self.board, self.average)
         return Row(
             key=entry_key(entry),
@@ -204,15 +204,11 @@ class RowBuilder:
             rank_words=_rank_words(entry, self.board),
             movement=_movement(entry, self.board),
             badge=BADGES[entry.source],
-            tag=told.facts.tag if told else "",
+            tag=facts_of(entry, self.facts).tag,
             cells=tuple([self._cell(entry, m, values.get(m.key)) for m in self.metrics]),
-            outcome=self.outcome(entry),
+            outcome=outcome_bar(self.challenge, values, self.digits),
             tiles=self._tiles(entry),
         )
-
-    def outcome(self, entry: BoardEntry) -> OutcomeBar | None:
-        """Return the outcome bar of an entry, or None where a part is undefined."""
-        return outcome_bar(self.challenge, values_of(entry, self.board, self.average), self.digits)
 
     def _cell(self, entry: BoardEntry, metric: Metric, value: float | None) -> Cell:
         text = self.digits.text(metric, value)

@@ -1,6 +1,5 @@
 """The scenes that all entries of a public split share, one a family: who is shown driving them."""
 
-from collections import Counter
 from collections.abc import Hashable, Iterator, Sequence
 from dataclasses import dataclass
 from urllib.parse import urlencode
@@ -15,6 +14,8 @@ from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.drawing import EntryDrawings, SampleDrawing
+from exceptiondrive_server.boards.charts import labels_of
+from exceptiondrive_server.boards.comparison import LONGEST_NAME
 from exceptiondrive_server.boards.entry_facts import board_fields, entry_key, entry_url
 from exceptiondrive_server.boards.page import BoardPage
 from exceptiondrive_server.boards.queries import read_board
@@ -56,13 +57,9 @@ class Scenes:
 
     @property
     def choices(self) -> list[tuple[str, str]]:
-        """Key and name of each entry that may join the first; one of two equal names has its team."""
-        names = Counter(entry.method for entry in self.offered)
-        return [
-            (entry_key(e), e.method if names[e.method] == 1 else f"{e.method}, {e.team}")
-            for e in self.offered
-            if e is not self.chosen[0]
-        ]
+        """Key and name of each entry that may join the first."""
+        named = zip(self.offered, labels_of(self.offered, LONGEST_NAME), strict=True)
+        return [(entry_key(each), name) for each, name in named if each is not self.chosen[0]]
 
     @property
     def others(self) -> tuple[str, str]:

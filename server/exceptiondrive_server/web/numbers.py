@@ -242,8 +242,8 @@ def nice_scale(
     first, last = math.floor(low / step + 1e-9) * step, math.ceil(high / step - 1e-9) * step
     first = first if floor is None else max(first, floor)
     last = last if ceiling is None else min(last, ceiling)
-    count = math.floor((last - math.ceil(first / step - 1e-9) * step) / step + 1e-9)
     start = math.ceil(first / step - 1e-9) * step
+    count = math.floor((last - start) / step + 1e-9)
     ticks = tuple(round(start + index * step, 10) for index in range(count + 1))
     return Scale(domain=(first, last), extent=extent, ticks=ticks)
 
