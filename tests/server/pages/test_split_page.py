@@ -76,6 +76,20 @@ async def test_doubts_are_those_of_the_lint_whatever_the_datasheet_says(lively_s
     assert "no moving car avoids" not in text
 
 
+async def test_what_its_makers_write_leads_to_https_addresses_alone(lively_site: Site) -> None:
+    """A link of another scheme could do anything; words in its place lead nowhere."""
+    for where in ("javascript:alert(1)", "on request", "https://drives.test/all"):
+        told = {"url": where, "licence": "", "licence_url": where}
+        words = DATASHEET.words.model_copy(update=told)
+        with lively_site.database.write() as session:
+            sheet = DATASHEET.model_copy(update={"words": words})
+            find_split(session, "sample").datasheet = sheet
+        page = (await lively_site.get("/splits/sample")).text
+        n_links = page.count(f'href="{where}"')
+        assert n_links == (2 if where.startswith("https://") else 0)
+        assert text_of(page).count(where) == 2
+
+
 async def test_the_datasheet_is_an_answer_too(lively_site: Site) -> None:
     answer = await lively_site.get("/api/v1/splits/sample/datasheet")
     assert Datasheet.model_validate_json(answer.content) == DATASHEET
