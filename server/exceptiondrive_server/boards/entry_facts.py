@@ -26,7 +26,7 @@ BADGES: dict[EntrySource, Badge] = {
     "scored": Badge("shield", "Scored", "Scored by this server from an uploaded file."),
     "reference": Badge("ruler", "Reference", "Scored by this server as a yardstick; never ranked."),
     "reported": Badge(
-        "sheet", "Reported", "Printed in the paper; not scored by this server and never ranked."
+        "paper", "Reported", "Printed in the paper; not scored by this server and never ranked."
     ),
 }
 

@@ -55,6 +55,7 @@ from exceptiondrive_server.web.browser_session import PostedForm, SignedIn
 from exceptiondrive_server.web.forms import (
     NOTHING_KEPT,
     REASON,
+    Filled,
     by_label,
     changed,
     filled,
@@ -159,6 +160,12 @@ HERE = "/organize/phases"
 StepKey = Annotated[str, Path(max_length=20)]
 HISTORY = 50
 SETTINGS = fields_of(PhaseSettings)
+PARTS = {
+    None: "Dates and limits",
+    "page": "The page of the phase",
+    "policy": "What is shown, when, to whom",
+}
+"""Of the settings, by the title under which a form has them."""
 
 
 @template_filter
@@ -368,7 +375,6 @@ def _phase(
         refusal,
         kept,
         phase=seen,
-        made_of=(),
         has_board=has_board,
         n_questions=n_questions,
         newest_run=next(iter(runs), None),
@@ -393,17 +399,20 @@ def _page(
     texts: Mapping[str, str],
     refusal: RecordsError | None,
     kept: Mapping[str, str] = NOTHING_KEPT,
+    made_of: tuple[Filled, ...] = (),
     **values: Any,
 ) -> Response:
     settings = _of_new() if values["phase"] is None else SETTINGS
+    parts = [
+        (title, filled([field for field in settings if field.part == part], texts, kept))
+        for part, title in PARTS.items()
+    ]
     return organizer_page(
         browser,
         "phases/organizer_phase.html",
         "phases",
         refusal=by_label(refusal, settings),
-        plain=filled([field for field in settings if field.part is None], texts, kept),
-        page_fields=filled([field for field in settings if field.part == "page"], texts, kept),
-        policy=filled([field for field in settings if field.part == "policy"], texts, kept),
+        parts=[("What it is made of", made_of), *parts],
         **values,
     )
 
