@@ -7,11 +7,13 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
+from exceptiondrive_server.launcher.child import LaunchError
+
 MAX_SOCKET_PATH_BYTES = 100
 """Unix sockets hold 107 bytes of path on Linux and 103 on macOS."""
 
 
-class NoBrokerError(Exception):
+class NoBrokerError(LaunchError):
     """There is no broker to be had."""
 
     def __init__(self) -> None:

@@ -22,12 +22,7 @@ from exceptiondrive_records.operations.setup import prepare
 from exceptiondrive_records.phases.phases import list_phases
 from exceptiondrive_records.phases.policy import is_open
 from exceptiondrive_schemas.challenges import PLANNING
-from exceptiondrive_server.launcher.broker import (
-    NoBrokerError,
-    broker_command,
-    find_broker_binary,
-    socket_path,
-)
+from exceptiondrive_server.launcher.broker import broker_command, find_broker_binary, socket_path
 from exceptiondrive_server.launcher.child import Child, ChildPlan, LaunchError, die_with_parent
 from exceptiondrive_server.launcher.layout import (
     Address,
@@ -116,10 +111,7 @@ class Launcher:
         return shared
 
     def _start_broker(self, folder: BrokerFolder, user: int | None) -> None:
-        try:
-            binary = find_broker_binary()
-        except NoBrokerError as error:
-            raise LaunchError(str(error)) from None
+        binary = find_broker_binary()
         self.say(f"broker: {binary.origin}, private, on a unix socket")
         socket_path(folder.path).unlink(missing_ok=True)
         command = broker_command(binary.path, folder.path)

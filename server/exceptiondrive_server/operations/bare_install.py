@@ -29,6 +29,7 @@ GROUP = SERVER_USER
 WORKER_USER, PROXY_USER, OWNER_USER, BROKER_USER = 10002, 10003, 10004, 10005
 DATABASE_AT, BROKER_AT = "127.0.0.1", "127.0.0.1:6380"
 _HTTP2_SINCE = (1, 25, 1)
+_BARE = resources.files(__package__) / "bare"
 _BESIDE = {"as.sh": "as", "sysusers.conf": "sysusers.conf"}
 """What is no unit, and where it stands."""
 _FOLDERS = {
@@ -156,7 +157,7 @@ class BareServer:
             "/run/secrets/tls_certificate;": f"{etc}/tls.crt;",
             "/run/secrets/tls_key;": f"{etc}/tls.key;",
         }
-        text = replaced(_text("nginx.conf"), changes)
+        text = replaced((_BARE / "nginx.conf").read_text("utf-8"), changes)
         return text if speaks_http2_by_itself(nginx) else older_http2(text)
 
 
@@ -204,15 +205,11 @@ def _merged(values: Mapping[str, str], path: Path) -> str:
 
 def _templates() -> Iterator[tuple[str, str]]:
     """Yield the name of each unit and drop-in below `bare/`, and its text."""
-    for found in sorted((resources.files(__package__) / "bare").iterdir(), key=lambda f: f.name):
+    for found in sorted(_BARE.iterdir(), key=lambda f: f.name):
         if found.is_dir():
             yield from ((f"{found.name}/{f.name}", f.read_text("utf-8")) for f in found.iterdir())
         elif found.name != "nginx.conf":
             yield found.name, found.read_text("utf-8")
-
-
-def _text(name: str) -> str:
-    return (resources.files(__package__) / "bare" / name).read_text("utf-8")
 
 
 def _give(path: Path, user: int, mode: int) -> None:

@@ -329,12 +329,7 @@ def _of_config(client: redis.Redis, name: str) -> str | None:
     except redis.exceptions.ResponseError:
         return None
     assert isinstance(found, dict)
-    values = {_text(key): _text(value) for key, value in found.items()}
-    return values.get(name)
-
-
-def _text(value: object) -> str:
-    return value.decode() if isinstance(value, bytes) else str(value)
+    return found.get(name)
 
 
 def _store(url: str) -> Iterator[Finding]:
