@@ -15,13 +15,13 @@ from exceptiondrive_records.phases.phases import list_phases, titles_of_phases
 from exceptiondrive_records.rescoring.views import run_view
 from exceptiondrive_records.submissions.file_store import LOW_ON_ROOM_BYTES
 from exceptiondrive_records.teams.teams import list_teams
-from exceptiondrive_schemas.api.form_fields import fields_of, values_of
+from exceptiondrive_schemas.api.form_fields import fields_of
 from exceptiondrive_schemas.api.site import SiteLinks
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.printable import counted
 from exceptiondrive_server.rescoring.steps import RunLine, run_line
 from exceptiondrive_server.web.browser_session import PostedForm, SignedIn
-from exceptiondrive_server.web.forms import changed, filled, made, read, text_of, typed
+from exceptiondrive_server.web.forms import changed, filled, made, read, texts_of, typed
 from exceptiondrive_server.web.organizer_frame import (
     OrganizerBrowser,
     duration_words,
@@ -89,7 +89,7 @@ def post_site(browser: OrganizerBrowser, form: PostedForm) -> Response:
     """Set the links of header and footer."""
     try:
         with browser.services.database.write() as session:
-            kept = _site_texts(session)
+            kept = texts_of(SITE_FIELDS, site_links(session))
             values = read(SITE_FIELDS, form, kept)
             if not changed(values, kept):
                 return go("/organize/site", "nothing_changed")
@@ -101,16 +101,11 @@ def post_site(browser: OrganizerBrowser, form: PostedForm) -> Response:
     return go("/organize/site", "site_changed")
 
 
-def _site_texts(session: Session) -> dict[str, str]:
-    links = values_of(SITE_FIELDS, site_links(session))
-    return {name: text_of(value) for name, value in links.items()}
-
-
 def _site(
     browser: SignedIn, texts: Mapping[str, str] | None = None, refusal: RecordsError | None = None
 ) -> Response:
     with browser.services.database.read() as session:
-        kept = _site_texts(session)
+        kept = texts_of(SITE_FIELDS, site_links(session))
     return organizer_page(
         browser,
         "operations/organizer_site.html",

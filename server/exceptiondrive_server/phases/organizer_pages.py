@@ -37,7 +37,7 @@ from exceptiondrive_records.rescoring.runs import list_runs
 from exceptiondrive_records.rescoring.showing import change_phase, reveal_board
 from exceptiondrive_records.splits.splits import list_splits, whole_split, words_of_revision
 from exceptiondrive_records.submissions.submissions import counts_by_phase
-from exceptiondrive_schemas.api.form_fields import FormField, fields_of, values_of
+from exceptiondrive_schemas.api.form_fields import FormField, fields_of
 from exceptiondrive_schemas.api.phase_settings import (
     WITHHELD_DEFAULTS,
     NewPhase,
@@ -62,6 +62,7 @@ from exceptiondrive_server.web.forms import (
     made,
     read,
     text_of,
+    texts_of,
     typed,
 )
 from exceptiondrive_server.web.organizer_frame import (
@@ -212,7 +213,7 @@ def show_new(
         return _new(browser, usual)
     with browser.services.database.read() as session:
         phase = find_phase(session, like)
-        texts = _texts(phase)
+        texts = texts_of(SETTINGS, phase)
         protocol = find_protocol(session, phase.protocol_digest).version
         whole = whole_split(session, phase.split_name, phase.split_revision)
     made_of = {"challenge": phase.challenge, "split": whole.name, "split_revision": whole.revision}
@@ -250,7 +251,7 @@ def post_phase(browser: OrganizerBrowser, form: PostedForm, phase_id: PhaseId) -
     try:
         with browser.services.database.write() as session:
             phase = lock_phase(session, phase_id)
-            kept = _texts(phase)
+            kept = texts_of(SETTINGS, phase)
             values = changed(read(SETTINGS, form, kept), kept)
             if not values:
                 return go(f"{HERE}/{phase_id}", "nothing_changed")
@@ -359,7 +360,7 @@ def _phase(
 ) -> Response:
     with browser.services.database.read() as session:
         phase = find_phase(session, phase_id)
-        kept, has_board = _texts(phase), phase.current_board_id is not None
+        kept, has_board = texts_of(SETTINGS, phase), phase.current_board_id is not None
         seen = phase_view(
             session, phase, max_upload_bytes=browser.services.settings.max_upload_bytes
         )
@@ -415,8 +416,3 @@ def _page(
         parts=[("What it is made of", made_of), *parts],
         **values,
     )
-
-
-def _texts(phase: Phase) -> dict[str, str]:
-    """Return the settings of a phase as their fields show them."""
-    return {name: text_of(value) for name, value in values_of(SETTINGS, phase).items()}

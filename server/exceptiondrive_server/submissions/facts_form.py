@@ -4,9 +4,9 @@ from dataclasses import replace
 
 from starlette.datastructures import FormData
 
-from exceptiondrive_schemas.api.form_fields import fields_of, values_of
+from exceptiondrive_schemas.api.form_fields import fields_of
 from exceptiondrive_schemas.method_facts import MethodFacts
-from exceptiondrive_server.web.forms import made, read, text_of
+from exceptiondrive_server.web.forms import made, read, texts_of
 
 PREFIX = "fact_"
 _OWN = tuple(replace(field, empty="not told") for field in fields_of(MethodFacts))
@@ -25,5 +25,4 @@ def facts_of_form(form: FormData) -> MethodFacts:
 
 def texts_of_facts(facts: MethodFacts) -> dict[str, str]:
     """Return what the fields show of facts."""
-    told = values_of(_OWN, facts)
-    return {PREFIX + name: text_of(value) for name, value in told.items()}
+    return {PREFIX + name: text for name, text in texts_of(_OWN, facts).items()}

@@ -16,7 +16,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from starlette.datastructures import FormData
 
 from exceptiondrive_records.db.errors import Conflict, InvalidRecord, RecordsError
-from exceptiondrive_schemas.api.form_fields import FormField, Kind, document_of
+from exceptiondrive_schemas.api.form_fields import FormField, Kind, document_of, values_of
 from exceptiondrive_schemas.base import faults_in
 from exceptiondrive_schemas.datetimes import in_utc
 
@@ -167,6 +167,11 @@ def text_of(value: object) -> str:
     if isinstance(value, datetime):
         return value.astimezone(UTC).strftime("%Y-%m-%dT%H:%M:%S")
     return str(value)
+
+
+def texts_of(fields: Sequence[FormField], document: Any) -> dict[str, str]:
+    """Return what the fields show of a document, or of what has its values."""
+    return {name: text_of(value) for name, value in values_of(fields, document).items()}
 
 
 def _as_shown(field: FormField, text: str) -> str:
