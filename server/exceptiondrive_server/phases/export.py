@@ -1,9 +1,10 @@
 """A phase as one tar for a paper or an archive: nothing in it but what readers may see."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import Any
 
 from fastapi.responses import Response
+from pydantic import BaseModel
+from pydantic_core import to_jsonable_python
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.accounts.tokens import Principal
@@ -24,7 +25,7 @@ from exceptiondrive_records.protocols.protocols import find_protocol, find_proto
 from exceptiondrive_records.rescoring.views import board_history
 from exceptiondrive_records.splits.splits import find_split
 from exceptiondrive_records.submissions.views import published_sheets
-from exceptiondrive_schemas.base import Document, canonical_json
+from exceptiondrive_schemas.base import canonical_json
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.method_facts import EntryFacts
 from exceptiondrive_schemas.printable import spreadsheet_text
@@ -71,20 +72,19 @@ def _members(session: Session, phase: Phase, row: BoardRow, site_url: str) -> Me
     yield "README.md", _readme(phase, board, len(sheets)).encode()
     if has_ended(session, phase):
         yield "report.json", canonical_json(report_of(session, phase))
-    yield "history.json", _many(board_history(session, phase.id))
-    reported = [one.model_dump(mode="json") for one in reported_of(session, phase)]
-    if reported:
-        yield "reported.json", canonical_json(reported)
+    yield "history.json", _canonical(board_history(session, phase.id))
+    if reported := reported_of(session, phase):
+        yield "reported.json", _canonical(reported)
     for each in _boards(session, phase, row):
         name = f"boards/board-{each.number}"
         yield f"{name}.json", served_body(each).encode()
+        document = without_reported(parsed_board(each))
+        protocol = find_protocol(session, each.protocol_digest)
         for form, export in EXPORTS.items():
-            document = without_reported(parsed_board(each))
-            protocol = find_protocol(session, each.protocol_digest)
             text = export.write(document, protocol, site_url, facts_on(session, document))
             yield f"{name}.{form}", text.encode()
     yield from _tables(board, sheets)
-    yield "facts.json", _many(facts)
+    yield "facts.json", _canonical(facts)
     for key, sheet in sheets.items():
         yield f"sheets/{key}.json", canonical_json(sheet)
     for digest in sorted(public_protocols(session, phase.id)):
@@ -101,26 +101,17 @@ def _members(session: Session, phase: Phase, row: BoardRow, site_url: str) -> Me
             yield f"every_eval_ever/{record_path(record)}", canonical_json(record)
 
 
-def _many(documents: Sequence[Document] | Mapping[str, Document]) -> bytes:
-    if isinstance(documents, Mapping):
-        return canonical_json({key: _plain(one) for key, one in documents.items()})
-    return canonical_json([_plain(one) for one in documents])
-
-
-def _plain(document: Document) -> Any:
-    return document.model_dump(mode="json", by_alias=True)
+def _canonical(documents: Sequence[BaseModel] | Mapping[str, BaseModel]) -> bytes:
+    return canonical_json(to_jsonable_python(documents, by_alias=True))
 
 
 def _boards(session: Session, phase: Phase, row: BoardRow) -> list[BoardRow]:
     """The board of now, the last one before a reveal, and the last one under each protocol."""
-    found = [row, board_before_reveal(session, phase, row)]
-    found += [
-        latest_public_board(session, phase.id, digest)
-        for digest in public_protocols(session, phase.id)
-    ]
-    return [
-        one for _, one in sorted({each.number: each for each in found if each is not None}.items())
-    ]
+    digests = public_protocols(session, phase.id)
+    of_protocols = [latest_public_board(session, phase.id, digest) for digest in digests]
+    found = (row, board_before_reveal(session, phase, row), *of_protocols)
+    by_number = {each.number: each for each in found if each is not None}
+    return [by_number[number] for number in sorted(by_number)]
 
 
 def _sheets(session: Session, phase: Phase, board: Board) -> dict[str, ScoreSheet]:
