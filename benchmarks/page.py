@@ -21,7 +21,8 @@ from exceptiondrive_schemas.method_facts import Links
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.score_sheet import ProtocolRef
 from exceptiondrive_schemas.split import SplitRef
-from exceptiondrive_server.boards.page import BoardPage, forget_shown_boards
+from exceptiondrive_server.boards import page as board_page
+from exceptiondrive_server.boards.page import BoardPage
 from exceptiondrive_server.boards.query import BoardQuery
 from exceptiondrive_server.web.responses import Site
 from exceptiondrive_server.web.templating import render
@@ -101,6 +102,13 @@ def calls_in(work: Callable[[], object]) -> Counter[str]:
     finally:
         sys.setprofile(None)
     return calls
+
+
+def forget_shown_boards() -> None:
+    """Forget what was made of boards, as after a start of the server."""
+    board_page._MADE.clear()
+    board_page._metrics.cache_clear()
+    board_page._scene.cache_clear()
 
 
 def _first_page(board: Board, protocol: ProtocolDocument) -> bytes:

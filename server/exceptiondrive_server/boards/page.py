@@ -168,13 +168,6 @@ def _scene(
     return macro("boards/charts.html", "scene_figure")(scene, caption, task, answers)
 
 
-def forget_shown_boards() -> None:
-    """Forget what was made of boards, as after a start of the server."""
-    _MADE.clear()
-    _metrics.cache_clear()
-    _scene.cache_clear()
-
-
 class Choice(NamedTuple):
     """One option of a select field."""
 

@@ -4,11 +4,11 @@ from functools import partial
 from typing import Any
 
 import pytest
-from benchmarks.page import big_board, calls_in
+from benchmarks.page import big_board, calls_in, forget_shown_boards
 from starlette.requests import Request
 
 from exceptiondrive_schemas.protocol import ProtocolDocument
-from exceptiondrive_server.boards.page import BoardPage, forget_shown_boards
+from exceptiondrive_server.boards.page import BoardPage
 from exceptiondrive_server.boards.pages import show_board
 from exceptiondrive_server.boards.query import BoardQuery
 from exceptiondrive_server.web import kept_pages
