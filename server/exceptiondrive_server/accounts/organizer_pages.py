@@ -1,5 +1,6 @@
 """People who signed in through the provider, and the organizers' roles that they are given."""
 
+from functools import partial
 from typing import Annotated
 
 from fastapi import APIRouter, Path, Query
@@ -97,9 +98,6 @@ def forget(services: ServicesOf, person_id: PersonId) -> Step:
         person = find_person(session, person_id)
         facts = _facts(session, person)
 
-    def take(session: Session, reason: str, actor: str) -> None:
-        forget_person(session, person_id, reason=reason, actor=actor)
-
     return Step(
         section="people",
         title="Forget a person",
@@ -109,7 +107,7 @@ def forget(services: ServicesOf, person_id: PersonId) -> Step:
         button="Forget",
         back=HERE,
         back_words="People",
-        take=take,
+        take=partial(forget_person, person_id=person_id),
         done="person_forgotten",
         fields=(REASON,),
         facts=facts,

@@ -93,7 +93,6 @@ def show_submissions(
         labels=list(dict.fromkeys(cell.label for line in lines for cell in line.cells)),
         slugs={one.id: teams[one.team_id].slug for one in found},
         teams=teams.values() if who.is_organizer else (),
-        is_of_site=who.is_organizer,
         phases=phases,
         titles={one.id: one.title for one in phases},
         statuses=list(SubmissionStatus),

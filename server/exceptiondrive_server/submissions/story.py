@@ -1,6 +1,7 @@
 """Everything that ever happened to one submission: for the organizers' page, and for a committee."""
 
 from collections.abc import Iterator
+from contextlib import suppress
 from datetime import UTC, datetime
 
 from fastapi.responses import Response
@@ -177,21 +178,15 @@ def _page(
 def _read(
     session: Session, submission_id: str
 ) -> tuple[SubmissionStory, ReceiptStatement | None, ScoreTables]:
-    story = story_of(session, submission_id)
-    statement = _statement(session, find_submission(session, submission_id))
+    story, statement = story_of(session, submission_id), None
+    with suppress(NotFound):  # no score is shown
+        statement = statement_of(session, find_submission(session, submission_id))
     return story, statement, score_tables(session, story.submission)
 
 
 def _signed(services: Services, statement: ReceiptStatement | None) -> Receipt | None:
     """Sign outside of any transaction: a new key is recorded in one of its own."""
     return None if statement is None else services.signer.sign(statement)
-
-
-def _statement(session: Session, found: Submission) -> ReceiptStatement | None:
-    try:
-        return statement_of(session, found)
-    except NotFound:
-        return None
 
 
 def _files(

@@ -43,7 +43,6 @@ class Status:
     word: str
     meaning: str
     place: str | None
-    is_final: bool
 
 
 @dataclass(frozen=True)
@@ -64,7 +63,6 @@ def status_of(submission: SubmissionView) -> Status:
         word="not confirmed" if question else submission.status.value,
         meaning=meaning,
         place=place_words(submission.queue) if submission.queue else None,
-        is_final=submission.status.is_terminal,
     )
 
 
