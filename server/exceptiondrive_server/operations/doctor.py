@@ -12,6 +12,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from enum import StrEnum
+from functools import partial
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
@@ -69,6 +70,11 @@ class Finding:
     do: str = ""
 
 
+_ok = partial(Finding, Severity.OK)
+_warning = partial(Finding, Severity.WARNING)
+_error = partial(Finding, Severity.ERROR)
+
+
 def examine(
     settings: ServerSettings, withheld: tuple[Path, ...] = (), data: Path | None = None
 ) -> list[Finding]:
@@ -91,20 +97,19 @@ def examine(
 def _versions() -> Iterator[Finding]:
     said = f"Python {platform.python_version()}, SQLite {sqlite3.sqlite_version}"
     if sqlite3.sqlite_version_info < (3, 35):
-        yield Finding(Severity.ERROR, said, "install SQLite 3.35 or later (RETURNING)")
+        yield _error(said, "install SQLite 3.35 or later (RETURNING)")
     else:
-        yield Finding(Severity.OK, said)
+        yield _ok(said)
 
 
 def _wide_settings(settings: RecordsSettings) -> Iterator[Finding]:
     if settings.leader_lease_s < 3 * settings.reconcile_every_s:
-        yield Finding(
-            Severity.WARNING,
+        yield _warning(
             "the reconciler's lease is shorter than three of its passes",
             "set EXCEPTIONDRIVE_LEADER_LEASE_S to at least 3 x EXCEPTIONDRIVE_RECONCILE_EVERY_S",
         )
     else:
-        yield Finding(Severity.OK, "the settings are valid and fit each other")
+        yield _ok("the settings are valid and fit each other")
 
 
 def _database(settings: RecordsSettings, data: Path | None) -> Iterator[Finding]:
@@ -112,36 +117,29 @@ def _database(settings: RecordsSettings, data: Path | None) -> Iterator[Finding]
     if url.get_backend_name() == "sqlite":
         path = Path(url.database or "")
         if not path.is_file():
-            yield Finding(
-                Severity.ERROR, f"no records at {path}", "run: exceptiondrive-server migrate"
-            )
+            yield _error(f"no records at {path}", "run: exceptiondrive-server migrate")
             return
         yield from _private_file(path, "the records")
     database = Database(settings.database_url)
     try:
         if not is_usable(database):
-            yield Finding(
-                Severity.ERROR,
+            yield _error(
                 "the records have an older schema than this version",
                 "back up, then run: exceptiondrive-server migrate",
             )
             return
         lacking = missing_columns(database)
         if lacking:
-            yield Finding(
-                Severity.ERROR,
+            yield _error(
                 f"the records lack {', '.join(lacking)}: they were made before this version had them",
                 "start with a new data folder, or with the version that made these records; waiting "
                 "mends nothing",
             )
             return
         schema = "current" if is_current(database) else "newer than this version, which is fine"
-        yield Finding(
-            Severity.OK, f"the records answer ({url.get_backend_name()}), schema {schema}"
-        )
+        yield _ok(f"the records answer ({url.get_backend_name()}), schema {schema}")
         if not database.takes_writes():
-            yield Finding(
-                Severity.ERROR,
+            yield _error(
                 "the records can be read and not written: uploads are refused",
                 "name the primary database, not a standby; or give the file and its folder to the "
                 "server's user, with the right to write",
@@ -153,8 +151,7 @@ def _database(settings: RecordsSettings, data: Path | None) -> Iterator[Finding]
         yield from _names(database)
         yield from _mount(database, settings.file_store_url)
     except SQLAlchemyError as error:
-        yield Finding(
-            Severity.ERROR,
+        yield _error(
             _words_of(error),
             "check EXCEPTIONDRIVE_DATABASE_URL, the network and the database's own log",
         )
@@ -173,13 +170,12 @@ def _clock(database: Database) -> Iterator[Finding]:
     with database.read() as session:
         skew_s = (database_now(session) - datetime.now(UTC)).total_seconds()
     if abs(skew_s) > _CLOCK_SKEW_S:
-        yield Finding(
-            Severity.WARNING,
+        yield _warning(
             f"this machine's clock is {-skew_s:+.1f} s from the database's",
             "leases are safe, they follow the database; set up NTP for logs and TLS",
         )
     else:
-        yield Finding(Severity.OK, "the clocks of this machine and of the database agree")
+        yield _ok("the clocks of this machine and of the database agree")
 
 
 def _queue(database: Database, data: Path | None) -> Iterator[Finding]:
@@ -191,26 +187,20 @@ def _queue(database: Database, data: Path | None) -> Iterator[Finding]:
     start = f"start its server: exceptiondrive-server run --data {data}, or make run DATA={data}"
     for trouble in found:
         is_of_run = data is not None and trouble.code in ("lane_without_worker", "no_reconciler")
-        yield Finding(Severity.WARNING, trouble.what, start if is_of_run else trouble.do)
+        yield _warning(trouble.what, start if is_of_run else trouble.do)
     if len(scorers) > 1:
         older = ", ".join(scorers[:-1])
-        yield Finding(
-            Severity.WARNING,
+        yield _warning(
             f"workers run scorer {older} beside {scorers[-1]}: the older ones score nothing",
             "upgrade them; see `upgrade` in docs/operating.md",
         )
     if oldest_s is not None and oldest_s > _OLDEST_QUEUED_S:
-        yield Finding(
-            Severity.WARNING,
+        yield _warning(
             f"the oldest submission in the lane {Lane.LIVE} has waited for {oldest_s:.0f} s",
             "see `stuck queue` in docs/operating.md",
         )
     if not has_phases:
-        yield Finding(
-            Severity.WARNING,
-            "there is no phase",
-            "make one: exceptiondrive organizer phases create",
-        )
+        yield _warning("there is no phase", "make one: exceptiondrive organizer phases create")
 
 
 def _boards(database: Database) -> Iterator[Finding]:
@@ -232,8 +222,7 @@ def _boards(database: Database) -> Iterator[Finding]:
             found.setdefault(phase_id, []).append(scorer)
     for phase_id, scorers in found.items():
         if len(scorers) > 1:
-            yield Finding(
-                Severity.WARNING,
+            yield _warning(
                 f"the board of phase {phase_id} has sheets of scorers {', '.join(sorted(scorers))}",
                 "add the protocol again under its next version, and rescore to it: "
                 "`a new scorer` in docs/rescoring.md",
@@ -251,8 +240,7 @@ def _append_only(database: Database) -> Iterator[Finding]:
         guarded = set(session.scalars(text(listing)))
     missing = {"audit_lines", "boards", "protocols"} - guarded
     if missing:
-        yield Finding(
-            Severity.ERROR,
+        yield _error(
             f"the triggers that keep {', '.join(sorted(missing))} append-only are gone",
             "restore a backup into new records: somebody has altered the schema",
         )
@@ -262,8 +250,7 @@ def _names(database: Database) -> Iterator[Finding]:
     with database.read() as session:
         found = names_that_look_alike(session)
     for names in found:
-        yield Finding(
-            Severity.WARNING,
+        yield _warning(
             f"teams have names that look alike: {printable(', '.join(names))}",
             "they stay as they are; ask one of them for another name (page Teams)",
         )
@@ -271,23 +258,21 @@ def _names(database: Database) -> Iterator[Finding]:
 
 def _broker(url: str) -> Iterator[Finding]:
     if url.startswith("memory://"):
-        yield Finding(Severity.ERROR, "the broker is in memory", "set EXCEPTIONDRIVE_BROKER_URL")
+        yield _error("the broker is in memory", "set EXCEPTIONDRIVE_BROKER_URL")
         return
     client = _client(url)
     try:
         policy = _of_config(client, "maxmemory-policy")
         limit = _of_config(client, "maxmemory")
     except redis.AuthenticationError:
-        yield Finding(
-            Severity.WARNING,
+        yield _warning(
             "the broker asks for another password than EXCEPTIONDRIVE_BROKER_URL gives: scoring waits, "
             "nothing is lost",
             "write the broker's password there; see `rotate keys` in docs/operating.md",
         )
         return
     except redis.RedisError as error:
-        yield Finding(
-            Severity.WARNING,
+        yield _warning(
             f"the broker does not answer ({type(error).__name__}): scoring waits, nothing is lost",
             "start the server, if the broker is its own; else check EXCEPTIONDRIVE_BROKER_URL and "
             "the broker's log",
@@ -296,19 +281,16 @@ def _broker(url: str) -> Iterator[Finding]:
     finally:
         client.close()
     if policy not in (None, "noeviction"):
-        yield Finding(
-            Severity.WARNING,
+        yield _warning(
             f"the broker's maxmemory-policy is {policy}: it may throw messages away",
             "set maxmemory-policy noeviction; until then scoring is only slower",
         )
     elif limit == "0":
-        yield Finding(Severity.WARNING, "the broker may take all memory", "set maxmemory 256mb")
+        yield _warning("the broker may take all memory", "set maxmemory 256mb")
     elif policy is None or limit is None:
-        yield Finding(
-            Severity.OK, "the broker answers; whether it evicts anything it does not tell"
-        )
+        yield _ok("the broker answers; whether it evicts anything it does not tell")
     else:
-        yield Finding(Severity.OK, "the broker answers and evicts nothing")
+        yield _ok("the broker answers and evicts nothing")
 
 
 _ONCE = Retry(NoBackoff(), 0)
@@ -335,15 +317,13 @@ def _of_config(client: redis.Redis, name: str) -> str | None:
 def _store(url: str) -> Iterator[Finding]:
     folder = Path(unquote(urlsplit(url).path))
     if url.startswith("file:") and not os.path.isdir(folder):  # False where it is closed
-        yield Finding(
-            Severity.ERROR,
+        yield _error(
             f"there is no folder {folder} that this user may see",
             "check EXCEPTIONDRIVE_FILE_STORE_URL; the server makes the folder when it starts",
         )
         return
     if url.startswith("file:") and not os.access(folder, _LOOK):
-        yield Finding(
-            Severity.ERROR,
+        yield _error(
             f"this user may not enter {folder}, which is of user {folder.stat().st_uid}",
             "give the folder and all in it to the server's user",
         )
@@ -351,38 +331,31 @@ def _store(url: str) -> Iterator[Finding]:
     try:
         FileStore(url).holds(_NO_FILE)
     except (StoreError, OSError) as error:
-        yield Finding(
-            Severity.ERROR,
+        yield _error(
             f"the file store does not answer ({type(error.__cause__ or error).__name__})",
             "check EXCEPTIONDRIVE_FILE_STORE_URL, that its bucket is there, its credentials, and the clock",
         )
         return
     if not url.startswith("file:"):
-        yield Finding(Severity.OK, "the file store answers")
+        yield _ok("the file store answers")
         return
     if not os.access(folder, os.W_OK):
-        yield Finding(
-            Severity.ERROR, f"{folder} cannot be written", "give the server's user write access"
-        )
+        yield _error(f"{folder} cannot be written", "give the server's user write access")
     free_bytes = FileStore(url).free_bytes() or 0
     if free_bytes < LEAST_FREE_BYTES:
-        yield Finding(
-            Severity.ERROR,
+        yield _error(
             f"less than 64 MiB is free under {folder}: uploads are refused",
             "make room, see `disk full` in docs/operating.md; no restart is needed",
         )
     elif free_bytes < LOW_ON_ROOM_BYTES:
-        yield Finding(
-            Severity.WARNING,
+        yield _warning(
             f"less than 1 GiB is free under {folder}; below 64 MiB uploads are refused",
             "make room, see `disk full` in docs/operating.md",
         )
     if stat.S_IMODE(folder.stat().st_mode) & stat.S_IRWXO:
-        yield Finding(
-            Severity.ERROR, f"every user may look into {folder}", f"run: chmod o-rwx {folder}"
-        )
+        yield _error(f"every user may look into {folder}", f"run: chmod o-rwx {folder}")
     else:
-        yield Finding(Severity.OK, "the file store answers and is closed to others")
+        yield _ok("the file store answers and is closed to others")
 
 
 def _mount(database: Database, url: str) -> Iterator[Finding]:
@@ -392,8 +365,7 @@ def _mount(database: Database, url: str) -> Iterator[Finding]:
     with database.read() as session:
         is_away = seems_unmounted(session, FileStore(url))
     if is_away:
-        yield Finding(
-            Severity.ERROR,
+        yield _error(
             f"{folder} is empty, and the records mention uploads: new ones are refused",
             "mount what belongs there, or restore the uploads from a backup",
         )
@@ -404,8 +376,7 @@ def _receipt_key(path: Path) -> Iterator[Finding]:
     if not os.path.exists(path):  # False where its folder is closed
         folder = next(parent for parent in path.absolute().parents if os.path.isdir(parent))
         if not os.access(folder, os.W_OK | os.X_OK):
-            yield Finding(
-                Severity.ERROR,
+            yield _error(
                 f"receipts cannot be signed: there is no key {path}, and this user can make none there",
                 "put the key back; see `rotate keys` in docs/operating.md",
             )
@@ -413,8 +384,7 @@ def _receipt_key(path: Path) -> Iterator[Finding]:
     try:
         read_or_make_key(path)
     except StoreError as error:
-        yield Finding(
-            Severity.ERROR,
+        yield _error(
             f"{printable(str(error))} ({path})",
             "make that file an Ed25519 key in PEM which the server's user may read; see `rotate keys` "
             "in docs/operating.md",
@@ -424,8 +394,7 @@ def _receipt_key(path: Path) -> Iterator[Finding]:
 def _private_file(path: Path, name: str) -> Iterator[Finding]:
     is_open = path.parent.stat().st_mode & stat.S_IXOTH
     if path.stat().st_mode & stat.S_IRWXO and is_open:
-        yield Finding(
-            Severity.WARNING,
+        yield _warning(
             f"every user may read {name} at {path}: digests of tokens, names, reports",
             f"run: chmod o-rwx {path.parent}",
         )
@@ -436,18 +405,16 @@ def _wall(folder: Path) -> Iterator[Finding]:
     try:
         found = folder.stat()
     except PermissionError:  # a folder above it is closed already
-        yield Finding(Severity.OK, f"this user cannot enter {folder}")
+        yield _ok(f"this user cannot enter {folder}")
         return
     except OSError:
-        yield Finding(
-            Severity.ERROR,
+        yield _error(
             f"there is no {folder}: nothing was examined",
             "name the folder of splits or of the private store that the workers use",
         )
         return
     if os.geteuid() == 0:
-        yield Finding(
-            Severity.WARNING,
+        yield _warning(
             f"cannot tell whether the server may enter {folder}: this is root",
             "run the doctor as the server's user",
         )
@@ -457,6 +424,6 @@ def _wall(folder: Path) -> Iterator[Finding]:
             do = "run server and workers as different users"
         else:
             do = f"run: chmod 0700 {folder}, owned by the workers' user"
-        yield Finding(Severity.ERROR, f"this user may read {folder}, which is withheld", do)
+        yield _error(f"this user may read {folder}, which is withheld", do)
     else:
-        yield Finding(Severity.OK, f"this user cannot enter {folder}")
+        yield _ok(f"this user cannot enter {folder}")
