@@ -37,7 +37,6 @@ from exceptiondrive_server.boards.query import (
 from exceptiondrive_server.boards.selection import (
     FactChip,
     fact_choices,
-    facts_of,
     found_entries,
     sort_entries,
 )
@@ -194,6 +193,7 @@ class RowBuilder:
 
     def row(self, entry: BoardEntry) -> Row:
         """Build one row."""
+        told = self.facts.get(entry.submission_id or "")
         values = values_of(entry, self.board, self.average)
         return Row(
             key=entry_key(entry),
@@ -204,7 +204,7 @@ class RowBuilder:
             rank_words=_rank_words(entry, self.board),
             movement=_movement(entry, self.board),
             badge=BADGES[entry.source],
-            tag=facts_of(entry, self.facts).tag,
+            tag=told.facts.tag if told else "",
             cells=tuple([self._cell(entry, m, values.get(m.key)) for m in self.metrics]),
             outcome=outcome_bar(self.challenge, values, self.digits),
             tiles=self._tiles(entry),
