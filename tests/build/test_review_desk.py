@@ -216,6 +216,14 @@ def test_one_who_was_third_reads_blind_no_more_however_spelled(desk: Desk) -> No
     assert not desk.may_decide("verify", card_, "Lin")
 
 
+def test_one_who_was_third_may_still_say_whether_the_edit_is_good(desk: Desk) -> None:
+    card_ = disputed(desk)
+    desk.decide("verify", card_, LIN, accepted(desk, card_, blind=False))
+    assert card_ in desk.claim("inspect", LIN, 99)
+    desk.decide("inspect", card_, LIN, PASSED)
+    assert desk.progress("inspect", "lin").mine == 1
+
+
 def test_a_reader_who_differs_is_not_told_and_a_third_decides(desk: Desk) -> None:
     (card_,) = desk.claim("verify", ADA, 1)
     desk.decide("verify", card_, ADA, accepted(desk, card_))

@@ -142,11 +142,10 @@ class Desk:
 
     def may_decide(self, queue: Queue, sample_id: str, reviewer: str) -> bool:
         """Whether a card needs somebody, and this person has not spoken on it yet."""
-        return (
-            self.seats(queue, sample_id) > 0
-            and not self.own(queue, sample_id, reviewer)
-            and (self.is_third(sample_id) or not self._knows_others(sample_id, reviewer))
-        )
+        if self.seats(queue, sample_id) == 0 or self.own(queue, sample_id, reviewer):
+            return False
+        is_blind = queue == "verify" and not self.is_third(sample_id)
+        return not (is_blind and self._knows_others(sample_id, reviewer))
 
     def _knows_others(self, sample_id: str, reviewer: str) -> bool:
         """Whether a person was shown what others said of a region, and so reads it blind no more."""
