@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-from exceptiondrive_build.agreement import outcome, readings, readings_left
+from exceptiondrive_build.agreement import outcome, readings_left
 from exceptiondrive_build.candidates import Candidate, walk
 from exceptiondrive_build.errors import BuildError
 from exceptiondrive_build.inspection import to_inspect
@@ -77,10 +77,6 @@ class Desk:
         self.candidates: dict[str, Candidate] = {}
         self.why: dict[str, str] = {}
         self.refresh()
-
-    def close(self) -> None:
-        """Close the table of leases."""
-        self.leases.close()
 
     def refresh(self, walk_after_s: float = WALK_EVERY_S) -> None:
         """Take in what others have appended and settings that changed; stages may run meanwhile.
@@ -244,7 +240,7 @@ class Desk:
             queue, sample_id, holder
         ):
             raise TakenError
-        self.workshop.append(
+        self.workshop.records.append(
             Record(
                 kind=KINDS[queue],
                 candidate=sample_id,
@@ -272,7 +268,7 @@ class Desk:
         if not mine:
             return None
         own, card = max(mine, key=lambda found: found[0].id or 0)
-        self.workshop.append(
+        self.workshop.records.append(
             own.model_copy(
                 update={"value": None, "supersedes": own.id, "at": now_text(), "id": None}
             )
@@ -296,10 +292,6 @@ class Desk:
             for_others=len(waiting) - for_me,
             third=sum(self.is_third(card) for card in waiting) if queue == "verify" else 0,
         )
-
-    def others(self, sample_id: str) -> list[Verified]:
-        """What the two blind readers said, for a third one."""
-        return [word for _, word in readings(self.standing("verify", sample_id)) if word.blind]
 
     def _show(self, queue: Queue, holder: Holder, cards: Iterable[str]) -> None:
         """Remember which pictures a browser gets to see: a decision is about these alone."""

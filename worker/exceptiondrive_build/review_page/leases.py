@@ -4,7 +4,6 @@ A browser renews its leases while it is open. One that dies stops; when the time
 go to whoever asks next.
 """
 
-import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -34,13 +33,15 @@ class Holder(NamedTuple):
 class Leases(Database):
     """The table."""
 
-    def __init__(self, path: Path, lease_s: float, clock: Callable[[], float] = time.time) -> None:
+    tables = _TABLE
+
+    def __init__(self, path: Path, lease_s: float, clock: Callable[[], float]) -> None:
         """Open it in the records' file; a card is held for `lease_s` without a sign of its browser.
 
         Raises:
             BuildError: The file cannot be written.
         """
-        super().__init__(path, _TABLE)
+        super().__init__(path)
         self.lease_s = lease_s
         self._clock = clock
 
