@@ -14,6 +14,7 @@ from exceptiondrive_build.errors import BuildError
 from exceptiondrive_build.records import Author, Kind, Record
 from exceptiondrive_build.report import report
 from exceptiondrive_build.review_page import desk as desk_module
+from exceptiondrive_build.review_page import leases
 from exceptiondrive_build.review_page.cards import card
 from exceptiondrive_build.review_page.desk import Desk, Queue, TakenError
 from exceptiondrive_build.review_page.leases import Holder
@@ -38,8 +39,10 @@ class Clock:
 
 
 @pytest.fixture
-def clock() -> Clock:
-    return Clock()
+def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
+    clock = Clock()
+    monkeypatch.setattr(leases, "time", clock)
+    return clock
 
 
 @pytest.fixture
@@ -48,9 +51,9 @@ def folder(made: Path, tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def desk(folder: Path, clock: Clock) -> Iterator[Desk]:
+def desk(folder: Path) -> Iterator[Desk]:
     with Workshop(folder) as workshop:
-        desk = Desk(workshop, LEASE_S, clock)
+        desk = Desk(workshop, LEASE_S)
         yield desk
         desk.leases.close()
 
@@ -93,9 +96,9 @@ def test_no_card_is_given_to_two_and_none_is_left(desk: Desk) -> None:
     assert desk.claim("inspect", LIN, 1) == []
 
 
-def test_two_processes_share_the_leases(desk: Desk, folder: Path, clock: Clock) -> None:
+def test_two_processes_share_the_leases(desk: Desk, folder: Path) -> None:
     with Workshop(folder) as workshop:
-        other = Desk(workshop, LEASE_S, clock)
+        other = Desk(workshop, LEASE_S)
         given = [*desk.claim("inspect", ADA, 9), *other.claim("inspect", GRACE, 99)]
         assert len(given) == len(set(given)) == 21
         desk.decide("inspect", given[0], ADA, PASSED)

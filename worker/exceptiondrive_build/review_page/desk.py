@@ -7,7 +7,7 @@ region; two people blind to each other, and a third one who sees both where they
 import math
 import time
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -55,19 +55,14 @@ class Progress:
 class Desk:
     """All cards of one workshop; cheap to ask after each decision."""
 
-    def __init__(
-        self,
-        workshop: Workshop,
-        lease_s: float,
-        clock: Callable[[], float] = time.time,
-    ) -> None:
+    def __init__(self, workshop: Workshop, lease_s: float) -> None:
         """Read the records once.
 
         Raises:
             BuildError: They cannot be read.
         """
         self.workshop = workshop
-        self.leases = Leases(workshop.folder / RECORDS, lease_s, clock)
+        self.leases = Leases(workshop.folder / RECORDS, lease_s)
         self._shown: dict[tuple[str, Queue, str], tuple[str, ...]] = {}
         self._skipped: dict[str, list[tuple[Queue, str]]] = defaultdict(list)
         self._of_people: dict[tuple[Kind, str], list[Record]] = defaultdict(list)

@@ -7,6 +7,7 @@ go to whoever asks next.
 from collections import defaultdict
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from time import time
 from typing import NamedTuple
 
 from exceptiondrive_build.database import Database
@@ -35,7 +36,7 @@ class Leases(Database):
 
     tables = _TABLE
 
-    def __init__(self, path: Path, lease_s: float, clock: Callable[[], float]) -> None:
+    def __init__(self, path: Path, lease_s: float) -> None:
         """Open it in the records' file; a card is held for `lease_s` without a sign of its browser.
 
         Raises:
@@ -43,7 +44,6 @@ class Leases(Database):
         """
         super().__init__(path)
         self.lease_s = lease_s
-        self._clock = clock
 
     def claim(
         self,
@@ -62,7 +62,7 @@ class Leases(Database):
         Raises:
             BuildError: The file cannot be written.
         """
-        now = self._clock()
+        now = time()
         taken: list[str] = []
         with self._transaction() as write:
             write.execute("DELETE FROM leases WHERE until <= ?", (now,))
@@ -83,7 +83,7 @@ class Leases(Database):
 
     def renew(self, holder: Holder) -> None:
         """Hold all cards of a browser for longer; what is over stays over."""
-        now = self._clock()
+        now = time()
         with self._transaction() as write:
             write.execute(
                 "UPDATE leases SET until = ? WHERE browser = ? AND until > ?",
@@ -96,7 +96,7 @@ class Leases(Database):
             found = self._connection.execute(
                 "SELECT 1 FROM leases WHERE queue = ? AND candidate = ? AND browser = ? "
                 "AND until > ?",
-                (queue, candidate, holder.browser, self._clock()),
+                (queue, candidate, holder.browser, time()),
             ).fetchone()
         return found is not None
 
