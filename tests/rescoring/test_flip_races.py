@@ -7,8 +7,9 @@ from typing import Any
 import pytest
 from sqlalchemy import event, func, select, update
 from tests.support.databases import POSTGRES_ALONE, wait_until_it_waits
+from tests.support.work import unfinished
 
-from exceptiondrive_records.operations.invariants import unfinished, violations
+from exceptiondrive_records.operations.invariants import violations
 from exceptiondrive_records.phases.scoring_keys import is_of_key, new_key
 from exceptiondrive_records.rescoring.runs import find_run
 from exceptiondrive_records.submissions.submissions import find_submission, lock_team, withdraw
