@@ -326,7 +326,7 @@ def test_convert_says_exactly_what_it_did(planning_file: MakeFile, tmp_path: Pat
     assert rest[:3] == [
         "- left out the first point of 1 trajectories: within 0.05 m of the origin, it is t = 0",
         "1 prediction",
-        f"{output} is valid: planning, 1 predictions, split tiny",
+        f"{output} is valid: planning, 1 prediction, split tiny",
     ]
     assert json.loads(output.read_text())["predictions"][0]["source"][0] == [2.0, 0.0]
     assert run("check", output).exit_code == 0
