@@ -10,6 +10,7 @@ import json
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from os.path import isdir
 from pathlib import Path
 from typing import Any
 
@@ -78,7 +79,7 @@ def _run(
 ) -> dict[str, Waypoints | None]:
     run: dict[str, Waypoints | None] = {}
     for path in paths:
-        for file in sorted(path.rglob("*.json")) if path.is_dir() else [path]:
+        for file in sorted(path.rglob("*.json")) if isdir(path) else [path]:
             for token, points in form.read(file, mode, on_form):
                 if token in run:
                     raise fault(file, f"{token} occurs twice.")
