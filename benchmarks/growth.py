@@ -15,7 +15,7 @@ from benchmarks.workload import BENCHMARK_SAMPLES, SAMPLES_PER_SCENE, make_workl
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.split import SplitRef
-from exceptiondrive_scoring.challenge import SCORING, exact_sheet, graded_sheet, settle
+from exceptiondrive_scoring.challenge import exact_sheet, graded_sheet, scoring_of, settle
 from exceptiondrive_scoring.measure import measure
 
 SAMPLE_FACTORS = (1, 2, 4, 8, 16, 40)
@@ -68,11 +68,12 @@ def _grow(
 
 def _grow_sheets(protocol: ProtocolDocument) -> None:
     rows = []
-    scoring, ref = SCORING[PLANNING.id], SplitRef(name="workload", revision="")
+    scoring, ref = scoring_of(PLANNING.id), SplitRef(name="workload", revision="")
     for factor in SAMPLE_FACTORS:
         workload = make_workload(protocol, BENCHMARK_SAMPLES * factor)
         split = workload.split
-        measured = scoring.measure(workload.pairs.columns(), split, protocol.geometry)
+        answers = {"source": workload.pairs.source, "edited": workload.pairs.edited}
+        measured = scoring.measure(answers, split, protocol.geometry)
         settled = settle(scoring, measured, split, ref, protocol)
         sheet = partial(exact_sheet, scoring, measured, split, ref, protocol)
         regraded = partial(graded_sheet, scoring, settled, split, ref, protocol)

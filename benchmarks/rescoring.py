@@ -19,7 +19,7 @@ from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.split import Manifest
 from exceptiondrive_scoring.aliases import Columns
-from exceptiondrive_scoring.challenge import SCORING, graded_breakdown, settle
+from exceptiondrive_scoring.challenge import graded_breakdown, scoring_of, settle
 from exceptiondrive_worker.splits.private_store import PrivateStore, array_digest
 from exceptiondrive_worker.splits.store import LoadedSplit
 from exceptiondrive_worker.stages import Stages, Target
@@ -33,7 +33,7 @@ ROUNDS = 7
 def run(protocol: ProtocolDocument) -> None:
     """Print the rescoring tables."""
     split, answers = _workload(protocol)
-    scoring, arrays, ref = SCORING[PLANNING.id], split.arrays, split.manifest.ref
+    scoring, arrays, ref = scoring_of(PLANNING.id), split.arrays, split.manifest.ref
     geometries, clearances = _geometries(protocol), _clearances(protocol)
     settled = [
         settle(scoring, scoring.measure(each, arrays, protocol.geometry), arrays, ref, protocol)
@@ -103,9 +103,9 @@ def _workload(protocol: ProtocolDocument) -> tuple[LoadedSplit, list[Columns]]:
         grading_digest="grading",
         scenes_digest="scenes",
     )
-    given = workload.pairs.columns()
+    source, edited = workload.pairs.source, workload.pairs.edited
     return split, [
-        {**given, "edited": given["edited"] * rng.uniform(0.8, 1.1)} for _ in range(DISTINCT)
+        {"source": source, "edited": edited * rng.uniform(0.8, 1.1)} for _ in range(DISTINCT)
     ]
 
 

@@ -138,7 +138,7 @@ def _people_decide(shop: Path) -> None:
     """The words of two people about every region, and of one about every picture to inspect."""
     with Workshop(shop) as workshop:
         candidates = walk(workshop)
-        workshop.append(
+        workshop.records.append(
             *(
                 Record(
                     kind=Kind.INSPECT,
@@ -152,7 +152,7 @@ def _people_decide(shop: Path) -> None:
                 for sample_id in to_inspect(candidates, workshop.settings.inspect)
             )
         )
-        workshop.append(
+        workshop.records.append(
             *(
                 Record(
                     kind=Kind.VERIFY,

@@ -6,13 +6,14 @@ from collections import Counter
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 from tests.support.records import count_audit_lines
+from tests.support.work import unfinished
 
 from benchmarks.rescore_drill.clients import Reader
 from exceptiondrive_records.audit.log import verify_audit
 from exceptiondrive_records.boards.boards import served_body
 from exceptiondrive_records.boards.tables import BoardRow
 from exceptiondrive_records.db.database import Database
-from exceptiondrive_records.operations.invariants import unfinished, violations
+from exceptiondrive_records.operations.invariants import violations
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.work.tables import Job
 from exceptiondrive_schemas.api.submission import SubmissionStatus

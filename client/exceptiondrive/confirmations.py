@@ -28,7 +28,7 @@ def make_key(path: Path) -> str:
     Raises:
         InvalidArgumentError: The file is no key, cannot be written, or cryptography is missing.
     """
-    if not path.exists():
+    if not os.path.exists(path):
         pem = _new_key()
         try:
             path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)

@@ -106,11 +106,11 @@ def score(
         revision: What the sheet says of the split; by default its digest, which takes longer than
             measuring.
     """
-    from exceptiondrive_scoring.challenge import SCORING, document_columns, exact_sheet
+    from exceptiondrive_scoring.challenge import document_columns, exact_sheet, scoring_of
 
     on_step(f"measuring {counted(len(split.counted), 'sample')}")
     arrays = _arrays(split, protocol)
-    scoring = SCORING[document.challenge]
+    scoring = scoring_of(document.challenge)
     answers = document_columns(document, [sample.sample_id for sample in split.counted])
     measured = scoring.measure(answers, arrays, protocol.geometry)
     on_step("grading")
@@ -198,7 +198,7 @@ def sample_results(
     document: CheckedDocument, split: Split, protocol: ProtocolDocument
 ) -> tuple[SampleResult, ...]:
     """Score every sample of a sound planning file, in turn of each family, the worst first."""
-    from exceptiondrive_scoring.challenge import SCORING, document_columns
+    from exceptiondrive_scoring.challenge import document_columns, scoring_of
     from exceptiondrive_scoring.depth import intrusion_depth_m
 
     if document.challenge != PLANNING.id:
@@ -207,8 +207,9 @@ def sample_results(
         )
     arrays = _arrays(split, protocol)
     answers = document_columns(document, [sample.sample_id for sample in split.counted])
-    measured = SCORING[PLANNING.id].measure(answers, arrays, protocol.geometry)
-    scores = SCORING[PLANNING.id].grade(measured, arrays, protocol)
+    scoring = scoring_of(PLANNING.id)
+    measured = scoring.measure(answers, arrays, protocol.geometry)
+    scores = scoring.grade(measured, arrays, protocol)
     depth_m = intrusion_depth_m(answers["edited"], arrays.regions_m, protocol.geometry)
     clearance_m = measured["clearance_m"]
     keys = ("ur", "hcc", "hpr", "cts", "progress", "source_l2_m")

@@ -10,6 +10,7 @@ import json
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from os.path import isdir
 from pathlib import Path
 from typing import Any
 
@@ -78,7 +79,7 @@ def _run(
 ) -> dict[str, Waypoints | None]:
     run: dict[str, Waypoints | None] = {}
     for path in paths:
-        for file in sorted(path.rglob("*.json")) if path.is_dir() else [path]:
+        for file in sorted(path.rglob("*.json")) if isdir(path) else [path]:
             for token, points in form.read(file, mode, on_form):
                 if token in run:
                     raise fault(file, f"{token} occurs twice.")
@@ -151,7 +152,11 @@ def read_vad(path: Path, mode: int | None, on_form: OnForm) -> Tokens:
         if mode is not None:
             on_form(f"mode {mode} of {len(modes)}")
         points = points_of(path, token, increments, None)
-        yield token, None if points is None else tuple(summed([(x, y) for x, y, *_ in points]))
+        if points is not None and all(
+            len(point) > 1 for point in points
+        ):  # others add up to nothing
+            points = tuple(summed([(x, y) for x, y, *_ in points]))
+        yield token, points
 
 
 def _places_of_most(numbers: list[float]) -> list[int]:

@@ -5,6 +5,7 @@ Every unfinished sample is asked once, several at a time, and each outcome is jo
 
 import asyncio
 import json
+import os
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -81,13 +82,13 @@ def find_images(source: Path) -> ImagePaths:
     Raises:
         AgentError: There is no such folder or file, it holds no sample, or it is not that JSON.
     """
-    if source.is_dir():
+    if os.path.isdir(source):
         found = {
             sample.name: tuple(path for path in _shown(sample) if path.suffix.lower() in _SUFFIXES)
             for sample in _shown(source)
             if sample.is_dir()
         }
-    elif source.is_file():
+    elif os.path.isfile(source):
         found = _images_of_json(source)
     else:
         raise AgentError(f"{source}: no such folder or file")
@@ -105,7 +106,7 @@ def _images_of_json(file: Path) -> dict[str, tuple[Path, ...]]:
     wanted = f"{file}: expected JSON of the form {{sample_id: [path, ...]}}"
     try:
         document = json.loads(file.read_text(encoding="utf-8"))
-    except (ValueError, RecursionError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise AgentError(f"{wanted}: {error}") from None
     if not isinstance(document, dict):
         raise AgentError(wanted)

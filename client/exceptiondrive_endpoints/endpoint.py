@@ -28,7 +28,6 @@ from exceptiondrive_endpoints.images import CleanImage
 from exceptiondrive_schemas.python310 import Self, StrEnum
 
 Message = dict[str, Any]
-Sleep = Callable[[float], Awaitable[None]]
 Answer = TypeVar("Answer", "Completion", "EditedPicture")
 LONGEST_ANSWER = 10
 """A whole answer may take so many times as long as an endpoint may be silent."""
@@ -282,10 +281,7 @@ class _Http(openai.DefaultAsyncHttpxClient):
 class Endpoint:
     """A connection pool to one endpoint; use it as an asynchronous context manager."""
 
-    def __init__(
-        self, settings: EndpointSettings, model: ModelSettings, sleep: Sleep = asyncio.sleep
-    ) -> None:
-        self._sleep = sleep
+    def __init__(self, settings: EndpointSettings, model: ModelSettings) -> None:
         self._settings = settings
         self._model = model
         self._pace = Pace(settings.requests_per_minute)
@@ -319,7 +315,7 @@ class Endpoint:
             del request.headers[name]
         request.headers["authorization"] = f"Bearer {self._client.api_key}"
         self.n_requests += 1
-        await self._sleep(self._pace.reserve(asyncio.get_running_loop().time()))
+        await asyncio.sleep(self._pace.reserve(asyncio.get_running_loop().time()))
 
     async def complete(
         self, messages: list[Message], name: str, schema: Schema

@@ -1,5 +1,6 @@
 """How endpoints fail, and what a run does about it."""
 
+import asyncio
 import json
 import threading
 from dataclasses import replace
@@ -320,7 +321,7 @@ def test_a_redirect_is_not_followed_so_images_go_nowhere_else(
 
 
 async def test_every_http_request_waits_for_its_slot_retries_included(
-    endpoint: "ChatEndpoint",
+    endpoint: "ChatEndpoint", monkeypatch: pytest.MonkeyPatch
 ) -> None:
     broken = endpoint.fails(503, headers={"retry-after-ms": "1"})
     endpoint.answer = Sequence(broken, endpoint.says(DECISION))
@@ -329,8 +330,9 @@ async def test_every_http_request_waits_for_its_slot_retries_included(
     async def sleep(delay_s: float) -> None:
         waits_s.append(delay_s)
 
+    monkeypatch.setattr(asyncio, "sleep", sleep)
     settings = EndpointSettings(base_url=endpoint.base_url, requests_per_minute=0.1)
-    async with Endpoint(settings, ModelSettings(model="m"), sleep) as client:
+    async with Endpoint(settings, ModelSettings(model="m")) as client:
         for _ in range(3):
             await client.complete(messages("look", ()), "decide", {})
         assert client.n_requests == len(endpoint.seen) == 4

@@ -52,7 +52,7 @@ def make_shop(folder: Path, *, n_scenes: int = 1, draw: int = 168, width_px: int
             for place, candidate in enumerate(walk(workshop).values())
             for record in _decisions(workshop, prompts, painter, candidate, block(place))
         ]
-        workshop.append(*decisions)
+        workshop.records.append(*decisions)
     return folder / "shop"
 
 

@@ -52,7 +52,7 @@ def shop(read: Path, tmp_path: Path) -> Path:
     """The same with every region verified by two people but three, and five edits inspected."""
     folder = Path(shutil.copytree(read, tmp_path / "shop"))
     with Workshop(folder) as workshop:
-        workshop.append(*decisions(workshop))
+        workshop.records.append(*decisions(workshop))
     return folder
 
 
@@ -151,11 +151,13 @@ def test_the_same_decisions_give_the_same_bytes(read: Path, tmp_path: Path) -> N
             records = decisions(workshop)
             random.Random(seed).shuffle(records)
             for each in records:
-                workshop.append(each)
+                workshop.records.append(each)
             if seed == 2:
-                (kept,) = workshop.append(records[0].model_copy(update={"at": "2020-01-01"}))
+                (kept,) = workshop.records.append(
+                    records[0].model_copy(update={"at": "2020-01-01"})
+                )
                 undo = kept.model_copy(update={"value": None, "supersedes": kept.id, "id": None})
-                workshop.append(undo)
+                workshop.records.append(undo)
         contents.append(frozen(folder, "1", "--auxiliary"))
     assert contents[0] == contents[1]
     assert set(contents[0]) == WITHHELD | {
@@ -174,7 +176,7 @@ def test_no_corner_leaves_but_in_the_split_file(shop: Path) -> None:
     with Workshop(shop) as workshop:
         candidate = next(it for it in walk(workshop).values() if it.is_accepted)
         corners: Corners = ((canary, -1.5), (canary, 1.5), (16.5, 1.5), (16.5, -1.5))
-        workshop.append(
+        workshop.records.append(
             *(
                 record(
                     Kind.VERIFY,
@@ -269,7 +271,7 @@ def test_a_person_is_numbered_once_however_spelled(shop: Path) -> None:
         told = record(
             Kind.INSPECT, candidate.sample_id, PEOPLE[0].upper(), candidate.pictures, word
         )
-        workshop.append(told)
+        workshop.records.append(told)
     sheet = Datasheet.model_validate_json(frozen(shop, "1")["datasheet.json"])
     by_people = [(it.stage, it.by, it.decisions) for it in sheet.deciders if it.is_person]
     assert by_people == [
@@ -298,7 +300,9 @@ def test_a_later_revision_keeps_its_samples_and_says_what_changed(shop: Path) ->
         x, y = moved_by = (0.3, 0.2)
         corners = tuple((a + x, b + y) for a, b in first.samples[5].region)
         words = Verified.model_validate({"accepted": True, "corners": corners}, strict=False)
-        workshop.append(*(record(Kind.VERIFY, ids[5], p, moved.pictures, words) for p in PEOPLE))
+        workshop.records.append(
+            *(record(Kind.VERIFY, ids[5], p, moved.pictures, words) for p in PEOPLE)
+        )
         assert moved_by
     previous = shop / "frozen" / "1" / "split.json.gz"
     files = frozen(shop, "2", "--previous", previous, "--words", "Two failed the audit.")
@@ -422,7 +426,7 @@ def test_regions_that_lie_wrong_are_verified_again_by_command(shop: Path) -> Non
         for place, key in enumerate((ids[3], ids[5])):
             region = tuple((x + 0.5, y + 0.1 * place) for x, y in first.samples[0].region)
             word = Verified.model_validate({"accepted": True, "corners": region}, strict=False)
-            workshop.append(
+            workshop.records.append(
                 *(record(Kind.VERIFY, key, p, known[key].pictures, word) for p in PEOPLE)
             )
     assert run("freeze", shop / "frozen" / "2", *options).exit_code == 0
@@ -545,7 +549,9 @@ def test_a_sample_may_not_go_missing_from_a_revision(shop: Path) -> None:
     sample_id = first.samples[3].sample_id
     with Workshop(shop) as workshop:
         pictures = walk(workshop)[sample_id].pictures
-        workshop.append(record(Kind.INSPECT, sample_id, "ada", pictures, Inspected(passed=False)))
+        workshop.records.append(
+            record(Kind.INSPECT, sample_id, "ada", pictures, Inspected(passed=False))
+        )
     previous = shop / "frozen" / "1" / "split.json.gz"
     command = ("freeze", shop / "frozen" / "2", "--workshop", shop, "--previous", previous)
     result = run(*command, "--words", "One failed.")
@@ -574,10 +580,10 @@ def test_what_was_accepted_since_waits_for_the_next_split(read: Path, tmp_path: 
     folder = Path(shutil.copytree(read, tmp_path / "shop"))
     with Workshop(folder) as workshop:
         records = decisions(workshop)
-        workshop.append(*records[:40])
+        workshop.records.append(*records[:40])
     first = split_of(frozen(folder, "1"))
     with Workshop(folder) as workshop:
-        workshop.append(*records[40:])
+        workshop.records.append(*records[40:])
     previous = folder / "frozen" / "1" / "split.json.gz"
     second = split_of(frozen(folder, "2", "--previous", previous, "--words", "Nothing."))
     assert [it.sample_id for it in second.samples] == [it.sample_id for it in first.samples]
@@ -626,7 +632,7 @@ def test_an_audit_of_mid_season_is_told_by_the_next_revision(shop: Path) -> None
         drawn = draw(candidates, workshop.settings.inspect)
         left = next(candidates[key] for key in drawn if candidates[key].inspected is None)
         word = Inspected(passed=True)
-        workshop.append(record(Kind.INSPECT, left.sample_id, "ada", left.pictures, word))
+        workshop.records.append(record(Kind.INSPECT, left.sample_id, "ada", left.pictures, word))
     previous = shop / "frozen" / "1" / "split.json.gz"
     files = frozen(shop, "2", "--previous", previous, "--words", "One more was looked at.")
     after = Datasheet.model_validate_json(files["datasheet.json"]).audit
@@ -724,9 +730,11 @@ def test_accepted_edits_whose_region_is_not_decided_are_counted(shop: Path) -> N
         limits = workshop.settings.verify
         one, other, *_ = (it for it in walk(workshop).values() if is_verified(it, limits))
         reading = one.verifications[-1]
-        workshop.append(reading.model_copy(update={"value": None, "supersedes": reading.id}))
+        workshop.records.append(
+            reading.model_copy(update={"value": None, "supersedes": reading.id})
+        )
         no = Verified(accepted=False)
-        workshop.append(record(Kind.VERIFY, other.sample_id, PEOPLE[1], other.pictures, no))
+        workshop.records.append(record(Kind.VERIFY, other.sample_id, PEOPLE[1], other.pictures, no))
     told = run("freeze", shop / "frozen" / "part", "--workshop", shop)
     assert "warning region_not_decided (2): accepted edits whose region waits" in told.output
     sheet = (shop / "frozen" / "part" / "datasheet.md").read_text()
@@ -745,7 +753,9 @@ def test_samples_that_nobody_has_inspected_are_counted(shop: Path) -> None:
         ]
         assert f"warning not_inspected ({len(left)}): samples with a low mark" in told.output
         word = Inspected(passed=True)
-        workshop.append(record(Kind.INSPECT, left[0].sample_id, "ada", left[0].pictures, word))
+        workshop.records.append(
+            record(Kind.INSPECT, left[0].sample_id, "ada", left[0].pictures, word)
+        )
     withdraw(shop, [left[1].sample_id])
     told = run("freeze", shop / "frozen" / "2", "--workshop", shop)
     assert f"warning not_inspected ({len(left) - 2})" in told.output
@@ -760,7 +770,7 @@ def test_what_is_in_the_split_is_counted_without_what_is_withdrawn(
         with Workshop(shop) as workshop:
             pictures = walk(workshop)[ids[0]].pictures
             no = Inspected(passed=False)
-            workshop.append(record(Kind.INSPECT, ids[0], "ada", pictures, no))
+            workshop.records.append(record(Kind.INSPECT, ids[0], "ada", pictures, no))
     withdraw(shop, ids[:2])
     previous = shop / "frozen" / "1" / "split.json.gz"
     files = frozen(shop, "2", "--previous", previous, "--words", "Two failed the audit.")
@@ -780,7 +790,7 @@ def test_a_region_that_cannot_be_scored_is_named(shop: Path) -> None:
         candidate = next(it for it in walk(workshop).values() if it.is_accepted)
         over: Corners = ((0.0, -1.0), (4.0, -1.0), (4.0, 1.0), (0.0, 1.0))
         words = Verified(accepted=True, corners=over)
-        workshop.append(
+        workshop.records.append(
             *(
                 record(Kind.VERIFY, candidate.sample_id, person, candidate.pictures, words)
                 for person in PEOPLE

@@ -107,7 +107,7 @@ class Deciding:
         return record
 
     def append(self) -> None:
-        self.workshop.append(*self.records)
+        self.workshop.records.append(*self.records)
         self.records.clear()
 
 

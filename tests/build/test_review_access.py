@@ -177,7 +177,7 @@ def test_the_agreement_of_the_first_page_is_that_of_the_report(shop: Path, tmp_p
                 assert reader.post("/api/verify/decide", json=word).status_code == 200
             pictures = walk(workshop)[card["id"]].pictures
             refused = Inspected(passed=False, reason=Mark.VISIBILITY)
-            workshop.append(record(Kind.INSPECT, card["id"], "lin", pictures, refused))
+            workshop.records.append(record(Kind.INSPECT, card["id"], "lin", pictures, refused))
             counted = report(workshop).agreement
             assert counted is not None
             assert counted.n == 1

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from exceptiondrive_build.cli import app
 from exceptiondrive_build.errors import BuildError
-from exceptiondrive_build.records import Author, Kind, Record, Records, newest
+from exceptiondrive_build.records import Author, Kind, Record, Records
 from exceptiondrive_build.workshop import Workshop, new_workshop
 from exceptiondrive_schemas.protocol import NEWEST
 
@@ -159,42 +159,34 @@ def test_without_a_workshop_the_advice_can_be_followed(
 
 
 def test_records_are_appended_and_superseded_and_taken_back(workshop: Workshop) -> None:
-    (first,) = workshop.append(word("a", ADA, True))
-    workshop.append(word("a", GRACE, True))
+    (first,) = workshop.records.append(word("a", ADA, True))
+    workshop.records.append(word("a", GRACE, True))
     assert [r.by for r in workshop.records.standing(Kind.INSPECT)["a"]] == [ADA, GRACE]
-    (second,) = workshop.append(word("a", ADA, False, supersedes=first.id))
+    (second,) = workshop.records.append(word("a", ADA, False, supersedes=first.id))
     assert workshop.current(Kind.INSPECT)["a"] == second
-    workshop.append(second.model_copy(update={"value": None, "supersedes": second.id}))
+    workshop.records.append(second.model_copy(update={"value": None, "supersedes": second.id}))
     assert [r.by for r in workshop.records.standing(Kind.INSPECT)["a"]] == [GRACE]
     assert len(list(workshop.records.read())) == 4
 
 
 def test_what_is_superseded_cannot_be_superseded_again(workshop: Workshop) -> None:
-    (first,) = workshop.append(word("a", ADA, True))
-    workshop.append(word("a", ADA, False, supersedes=first.id))
+    (first,) = workshop.records.append(word("a", ADA, True))
+    workshop.records.append(word("a", ADA, False, supersedes=first.id))
     with pytest.raises(BuildError, match="superseded already"):
-        workshop.append(word("b", ADA, True), word("a", GRACE, False, supersedes=first.id))
+        workshop.records.append(word("b", ADA, True), word("a", GRACE, False, supersedes=first.id))
     assert "b" not in workshop.current(Kind.INSPECT)
 
 
 def test_the_database_refuses_to_change_or_remove_a_record(workshop: Workshop) -> None:
-    workshop.append(word("a", ADA, True))
+    workshop.records.append(word("a", ADA, True))
     with sqlite3.connect(workshop.folder / "records.sqlite3") as connection:
         for change in ("DELETE FROM records", "UPDATE records SET value = 'null'"):
             with pytest.raises(sqlite3.IntegrityError, match="records are never"):
                 connection.execute(change)
 
 
-def test_a_record_counts_for_what_was_looked_at() -> None:
-    old, new = word("a", ADA, True), word("a", ADA, False).model_copy(update={"inputs": ("b",)})
-    assert newest([old, new], ("sha256:a",)) == old
-    assert newest([old, new], ("b",)) == new
-    assert newest([old, new], ("c",)) is None
-    assert newest([old, new], ("b",), by=GRACE) is None
-
-
 def test_the_digest_of_a_record_is_blind_to_when(workshop: Workshop) -> None:
-    (kept,) = workshop.append(word("a", ADA, True))
+    (kept,) = workshop.records.append(word("a", ADA, True))
     later = word("a", ADA, True).model_copy(update={"at": "2030-01-01T00:00:00+00:00"})
     assert kept.digest == later.digest != word("a", ADA, False).digest
 

@@ -13,12 +13,13 @@ from tests.chaos.checker_boards import audited, boards_now
 from tests.chaos.checker_told import board_as_told, boards_seen, endings_stay, scores_stay
 from tests.chaos.history import History
 from tests.chaos.topology import MAX_ATTEMPTS
+from tests.support.work import unfinished
 
 from exceptiondrive_records.boards.tables import BoardFlip, BoardRow
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.db.errors import Violation
 from exceptiondrive_records.operations import invariants, unlogged
-from exceptiondrive_records.operations.invariants import damaged_uploads, unfinished, violations
+from exceptiondrive_records.operations.invariants import damaged_uploads, violations
 from exceptiondrive_records.phases.quotas import COSTS_NOTHING
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.file_store import FileStore

@@ -81,7 +81,7 @@ def _until_ready(run: Run, run_id: str, may_fail_by: frozenset[str]) -> tuple[fl
             if failed and set(failed) <= may_fail_by:
                 n_again += len(failed)
                 resume_run(session, run_id, reason="chaos", actor="chaos")
-            progress = progress_of(session, found, shadow_key(found))
+            progress = progress_of(session, found)
         if time.monotonic() > started + _PATIENCE_S:
             raise TimeoutError(f"{state} after {_PATIENCE_S} s: {progress}, failed by {failed}")
         time.sleep(0.2)

@@ -14,11 +14,11 @@ from tests.chaos.history import Call, History
 from tests.chaos.topology import LEASE_S, PHASE, Topology
 from tests.support.documents import digest_of
 from tests.support.records import count_audit_lines
+from tests.support.work import unfinished
 
 from exceptiondrive.inputs import given_split
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import Violation
-from exceptiondrive_records.operations.invariants import unfinished
 from exceptiondrive_records.operations.reconciler import LEADERSHIP
 from exceptiondrive_records.phases.quotas import quota_of
 from exceptiondrive_records.phases.tables import Phase

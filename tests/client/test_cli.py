@@ -326,7 +326,7 @@ def test_convert_says_exactly_what_it_did(planning_file: MakeFile, tmp_path: Pat
     assert rest[:3] == [
         "- left out the first point of 1 trajectories: within 0.05 m of the origin, it is t = 0",
         "1 prediction",
-        f"{output} is valid: planning, 1 predictions, split tiny",
+        f"{output} is valid: planning, 1 prediction, split tiny",
     ]
     assert json.loads(output.read_text())["predictions"][0]["source"][0] == [2.0, 0.0]
     assert run("check", output).exit_code == 0
@@ -711,3 +711,20 @@ def test_a_check_looks_for_no_cycles(planning_file: MakeFile) -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.splitlines()[-2:] == ["collections: 0", "kept: True"]
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "convert {long}",
+        "convert --source-run {long} --edited-run {long} --split dev",
+        "convert {file} --output {long}",
+        "remind {long} --out {long} --base-url http://127.0.0.1:9/v1 --model m",
+        "organizer protocols key --key {long}",
+    ],
+)
+def test_a_name_too_long_for_any_file_is_named(words: str, planning_file: MakeFile) -> None:
+    long = "x" * 300
+    done = run(*words.format(long=long, file=planning_file()).split())
+    assert done.exit_code == 2, done.exception
+    assert f"error: {long}" in done.stderr

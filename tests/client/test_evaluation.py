@@ -160,7 +160,7 @@ def test_evaluating_twice_gives_the_same_bits(planning_file: MakeFile, split_fil
 def test_client_and_worker_give_the_same_sheet(planning_file: MakeFile, split_file: Path) -> None:
     pytest.importorskip("exceptiondrive_worker", reason="the client by itself")
     from exceptiondrive_schemas.challenges import PLANNING
-    from exceptiondrive_scoring.challenge import SCORING, exact_sheet
+    from exceptiondrive_scoring.challenge import exact_sheet, scoring_of
     from exceptiondrive_worker.splits.store import load_split
     from exceptiondrive_worker.upload_reader import read_upload
 
@@ -179,7 +179,7 @@ def test_client_and_worker_give_the_same_sheet(planning_file: MakeFile, split_fi
         path.read_bytes(), challenge=PLANNING, manifest=loaded.manifest, protocol=protocol
     )
     assert isinstance(answers, dict)
-    scoring = SCORING[PLANNING.id]
+    scoring = scoring_of(PLANNING.id)
     measured = scoring.measure(answers, loaded.arrays, protocol.geometry)
     ref = loaded.manifest.ref
     sheet = exact_sheet(scoring, measured, loaded.arrays, ref, protocol)

@@ -281,6 +281,13 @@ def test_a_file_of_another_form_is_refused(
         read_runs(FORMS[name], [path], [], None)
 
 
+def test_increments_that_are_no_points_are_left_to_be_refused(tmp_path: Path) -> None:
+    result = {"ego_fut_preds": [[[1.0]] * 6] * 3, "ego_fut_cmd": [1, 0, 0]}
+    path = as_json(tmp_path, {TOKEN: result})
+    (pair,) = read_runs(FORMS["vad"], [path], [path], None)
+    assert pair.source == pair.edited == ((1.0,),) * 6
+
+
 def test_a_file_that_is_nested_too_deeply_is_no_json(tmp_path: Path) -> None:
     path = as_json(tmp_path, None)
     path.write_text("[" * 100_000)

@@ -36,7 +36,7 @@ from exceptiondrive_schemas.score_sheet import ClearanceCurve, MetricRow, Plausi
 from exceptiondrive_schemas.split import Manifest
 from exceptiondrive_scoring.aliases import Columns
 from exceptiondrive_scoring.arrays import SplitArrays
-from exceptiondrive_scoring.challenge import SCORING
+from exceptiondrive_scoring.challenge import scoring_of
 from exceptiondrive_scoring.grade import Regrading, SampleScores, sample_scores
 from exceptiondrive_scoring.plausibility import OfControls
 from exceptiondrive_scoring.similarity import AlikeRule
@@ -305,9 +305,9 @@ def test_a_second_of_the_same_name_is_refused() -> None:
 
 
 def test_an_unknown_challenge_is_named_and_the_known_ones_too() -> None:
-    for registry in (CHALLENGES, RULES, SCORING):
+    for look_up in (CHALLENGES.__getitem__, RULES.__getitem__, scoring_of):
         with pytest.raises(UnknownChallengeError, match=r"'gaps' here; known: planning, strategy"):
-            registry[ChallengeId("gaps")]
+            look_up(ChallengeId("gaps"))
     assert packaged_protocol().digest.startswith("sha256:a8e2d761")
 
 

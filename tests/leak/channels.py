@@ -26,7 +26,7 @@ from exceptiondrive_scoring.bootstrap import (
     scenes_by_freedom,
     where_enough,
 )
-from exceptiondrive_scoring.challenge import SCORING, exact_sheet
+from exceptiondrive_scoring.challenge import exact_sheet, scoring_of
 from exceptiondrive_scoring.compare import SAME_TO, scenes_that_differ
 from exceptiondrive_scoring.grade import SampleScores
 from exceptiondrive_scoring.interval import percentile_intervals
@@ -86,7 +86,7 @@ def tried(oracle: "Oracle", sample: int, clearance_m: FloatArray, seed: int = 0)
 
     Every other answer is the same; companions answer a twentieth of them otherwise.
     """
-    scoring, arrays, protocol = SCORING[PLANNING.id], oracle.split.arrays, oracle.protocol
+    scoring, arrays, protocol = scoring_of(PLANNING.id), oracle.split.arrays, oracle.protocol
     still = np.zeros((arrays.n_samples, 6, 2))
     base = oracle.measured(still)
     chance = np.random.default_rng(seed)

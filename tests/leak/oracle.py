@@ -10,7 +10,7 @@ from tests.leak.cells import PublishedCells
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.score_sheet import ScoreSheet
-from exceptiondrive_scoring.challenge import SCORING, exact_sheet
+from exceptiondrive_scoring.challenge import exact_sheet, scoring_of
 from exceptiondrive_worker.boards.rounding import Rounding
 from exceptiondrive_worker.splits.store import LoadedSplit
 
@@ -37,7 +37,7 @@ class Oracle:
 
     def exact(self, edited: FloatArray) -> ScoreSheet:
         """Score as the worker does; nothing is rounded."""
-        scoring = SCORING[PLANNING.id]
+        scoring = scoring_of(PLANNING.id)
         measured = self.measured(edited)
         split = self.split
         return exact_sheet(scoring, measured, split.arrays, split.manifest.ref, self.protocol)
@@ -45,7 +45,7 @@ class Oracle:
     def measured(self, edited: FloatArray) -> dict[str, NDArray[np.generic]]:
         """Withheld: what each sample measures. Only for comparing a finding with the truth."""
         answers = {"source": np.zeros_like(edited), "edited": edited}
-        scoring = SCORING[PLANNING.id]
+        scoring = scoring_of(PLANNING.id)
         columns = scoring.measure(answers, self.split.arrays, self.protocol.geometry)
         return dict(columns)
 

@@ -14,7 +14,7 @@ from tests.leak.cells import BITS_OF_FLIP, least_width_m
 
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.score_sheet import MetricRow, ScoreSheet
-from exceptiondrive_scoring.challenge import SCORING
+from exceptiondrive_scoring.challenge import scoring_of
 from exceptiondrive_worker.boards.rounding import Rounding
 
 if TYPE_CHECKING:
@@ -307,7 +307,7 @@ def test_over_caution_tells_which_samples_are_controls(oracle: "Oracle") -> None
     split, protocol = oracle.split, oracle.protocol
     drives = split.recorded_m
     assert drives is not None
-    scoring = SCORING[PLANNING.id]
+    scoring = scoring_of(PLANNING.id)
 
     def over_caution(edited: FloatArray) -> float | None:
         answers = {"source": drives[split.control_rows], "edited": edited[split.control_rows]}

@@ -9,7 +9,7 @@ from tests.support.cheats import File, always_brake
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.protocol import NEWEST_WITHHELD, packaged_protocol
 from exceptiondrive_schemas.score_sheet import ScoreSheet
-from exceptiondrive_scoring.challenge import SCORING, exact_sheet
+from exceptiondrive_scoring.challenge import exact_sheet, scoring_of
 from exceptiondrive_worker.boards.rounding import Rounding
 from exceptiondrive_worker.splits.store import LoadedSplit, load_split, read_split
 
@@ -35,7 +35,7 @@ def braking() -> FloatArray:
 
 def published(source: FloatArray, edited: FloatArray) -> ScoreSheet:
     """The sheet of a file as the server publishes it of a withheld split."""
-    split, scoring = sample(), SCORING[PLANNING.id]
+    split, scoring = sample(), scoring_of(PLANNING.id)
     assert split.rows is not None
 
     def of(rows: np.ndarray) -> dict[str, FloatArray]:

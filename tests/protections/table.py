@@ -299,7 +299,7 @@ PROTECTIONS = (
     ),
     Protection(
         "quota-lock",
-        f"{RECORDS}.submissions.submissions:lock_team",
+        f"{RECORDS}.submissions.submissions:hold_team",
         _unlocked,
         "tests/records/test_quotas.py::test_a_quota_admits_exactly_its_number_under_parallel_threads",
     ),

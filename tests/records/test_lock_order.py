@@ -9,13 +9,14 @@ from sqlalchemy.exc import OperationalError
 from tests.records.world import World
 from tests.support.databases import POSTGRES_ALONE, wait_until_it_waits
 
+from exceptiondrive_records.accounts.people import hold_team
 from exceptiondrive_records.boards.boards import publish_board
 from exceptiondrive_records.boards.renewal import renew_boards
 from exceptiondrive_records.notifications.inbox import tell_team
 from exceptiondrive_records.participation.changes import merge_teams
 from exceptiondrive_records.phases.phases import create_phase, lock_phase
 from exceptiondrive_records.rescoring.retry import retry_submission
-from exceptiondrive_records.submissions.submissions import find_submission, lock_team, withdraw
+from exceptiondrive_records.submissions.submissions import find_submission, withdraw
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.teams.teams import create_team, find_team
@@ -142,7 +143,7 @@ def test_who_tries_a_submission_again_takes_its_jobs_first(world: World) -> None
 @POSTGRES_ALONE
 def test_a_team_is_told_something_while_it_uploads(world: World) -> None:
     with world.database.write() as upload, world.database.write() as session:
-        lock_team(upload, world.team_id)
+        hold_team(upload, world.team_id)
         find_team(upload, "alpha", lock=True)
         session.execute(text("SET LOCAL lock_timeout = '2s'"))
         tell_team(session, session.get_one(Team, world.team_id), "message", "Hello.", ())

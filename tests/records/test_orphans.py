@@ -224,12 +224,14 @@ def count(world: World) -> int:
 
 
 def test_a_store_that_is_away_ends_no_reconciler(
-    world: World, files: FileStore, folder: Path
+    world: World, files: FileStore, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folder.rmdir()
     folder.write_text("not a folder")
+    for name in ("SWEEP_EVERY_S", "_LOOK_EVERY_S"):
+        monkeypatch.setattr(garbage, name, 0.05)
     stop = threading.Event()
-    thread = threading.Thread(target=run_sweeper, args=(world.database, files, stop, 0.05))
+    thread = threading.Thread(target=run_sweeper, args=(world.database, files, stop))
     thread.start()
     thread.join(0.5)
     assert thread.is_alive()

@@ -15,6 +15,7 @@ from tests.rescoring.documents import (
 
 from exceptiondrive_records.notifications.inbox import list_notifications
 from exceptiondrive_records.teams.teams import find_team
+from exceptiondrive_scoring.challenge import scoring_of
 from exceptiondrive_worker.stages import Scored, Stages, Target
 
 Stage = Any
@@ -27,7 +28,7 @@ def entry_of(board: bytes, method: str) -> Any:
     return entry
 
 
-def counted(stage: Stage) -> Counter[str]:
+def counted(stage: Stage, monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
     """Count from here on which stages of scoring a worker runs."""
     done: Counter[str] = Counter()
 
@@ -41,10 +42,11 @@ def counted(stage: Stage) -> Counter[str]:
             return super().score(target)
 
     old = stage.context.stages
-    measured = dict(old._scoring)
-    for key, scoring in measured.items():
-        measured[key] = _CountingMeasure(scoring, done)
-    stages = Counting(old.private, old._load_upload, old._read_answers, measured)
+    monkeypatch.setattr(
+        "exceptiondrive_worker.stages.scoring_of",
+        lambda challenge_id: _CountingMeasure(scoring_of(challenge_id), done),
+    )
+    stages = Counting(old.private, old._load_upload, old._read_answers)
     stage.context = replace(stage.context, stages=stages)
     return done
 
@@ -71,6 +73,7 @@ def test_a_new_order_of_caution_goes_from_document_to_rollback(
     agents: Stage,
     organizer: Organizer,
     tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     toml = tmp_path / "1.1.toml"
     toml.write_text(caution_protocol("1.1", D_BELOW_E))
@@ -79,7 +82,7 @@ def test_a_new_order_of_caution_goes_from_document_to_rollback(
     assert "under-warning strategies of task SE1 (occluded pedestrian): A, B, E -> A, B" in told
     assert "regrade only, 3 sheets" in told
     organizer.say("protocols", "add", str(toml))
-    done = counted(agents)
+    done = counted(agents, monkeypatch)
     draft = ("--phase", "dev", "--protocol", "1.1", "--draft")
     run = organizer.rescore("start", *draft, *REASON)
     organizer.rescore("begin", run["id"], *REASON)

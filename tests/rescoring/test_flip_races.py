@@ -7,11 +7,13 @@ from typing import Any
 import pytest
 from sqlalchemy import event, func, select, update
 from tests.support.databases import POSTGRES_ALONE, wait_until_it_waits
+from tests.support.work import unfinished
 
-from exceptiondrive_records.operations.invariants import unfinished, violations
+from exceptiondrive_records.accounts.people import hold_team
+from exceptiondrive_records.operations.invariants import violations
 from exceptiondrive_records.phases.scoring_keys import is_of_key, new_key
 from exceptiondrive_records.rescoring.runs import find_run
-from exceptiondrive_records.submissions.submissions import find_submission, lock_team, withdraw
+from exceptiondrive_records.submissions.submissions import find_submission, withdraw
 from exceptiondrive_records.submissions.tables import ScoreSheetRow
 from exceptiondrive_records.teams.teams import create_team
 from exceptiondrive_records.work.tables import Job
@@ -38,7 +40,7 @@ def test_an_upload_that_waits_for_its_team_during_a_flip_is_scored_as_after_it_a
         stage.apply(run_id)
     with ThreadPoolExecutor() as pool:
         with stage.database.write() as other:
-            lock_team(other, gamma)
+            hold_team(other, gamma)
             upload = pool.submit(stage.submit, 3.0, "newcomer", "gamma")
             wait_until_it_waits(stage.database, upload.done)
             getattr(stage, flips)(run_id)

@@ -26,11 +26,11 @@ from hypothesis.stateful import (
 from sqlalchemy import select
 from tests.rescoring.documents import new_protocol
 from tests.rescoring.stage import Stage, open_stage
-from tests.support.work import claim_this
+from tests.support.work import claim_this, unfinished
 from tests.support.worker import build_wanted_boards, due_jobs, score_submission
 
 from exceptiondrive_records.db.errors import Conflict, InvalidRecord
-from exceptiondrive_records.operations.invariants import unfinished, violations
+from exceptiondrive_records.operations.invariants import violations
 from exceptiondrive_records.phases.scoring_keys import UNFINISHED, key_of_phase, new_key
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.rescoring.fan_out import tend_runs

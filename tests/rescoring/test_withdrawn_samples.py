@@ -214,7 +214,7 @@ def test_a_region_that_a_new_footprint_touches_can_be_withdrawn(
 def shop(tmp_path: Path) -> Path:
     folder = make_shop(tmp_path / "made", width_px=160)
     with Workshop(folder) as workshop:
-        workshop.append(*decisions(workshop))
+        workshop.records.append(*decisions(workshop))
     return folder
 
 
@@ -281,7 +281,7 @@ def test_from_the_workshop_to_a_rescored_board(stage: Stage, shop: Path) -> None
         corners = ((CANARY_M, -1.5), (19.5, -1.5), (19.5, 1.5), (CANARY_M, 1.5))
         word = Verified(accepted=True, corners=corners)
         for person in PEOPLE:
-            workshop.append(record(Kind.VERIFY, ids[4], person, moved.pictures, word))
+            workshop.records.append(record(Kind.VERIFY, ids[4], person, moved.pictures, word))
     previous = shop / "1" / "split.json.gz"
     build(
         "freeze", shop / "2", "--workshop", shop, "--previous", previous, "--words", WORDS

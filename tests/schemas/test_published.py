@@ -19,7 +19,7 @@ from exceptiondrive_schemas.publish.written_files import written_files
 from exceptiondrive_schemas.published import DOCUMENT_NAMES, example_text, schema_text
 from exceptiondrive_schemas.split import Manifest, Split
 from exceptiondrive_scoring.arrays import split_arrays
-from exceptiondrive_scoring.challenge import SCORING, document_columns
+from exceptiondrive_scoring.challenge import document_columns, scoring_of
 from exceptiondrive_scoring.sheet import aggregate
 
 ROOT = Path(__file__).parents[2]
@@ -99,7 +99,7 @@ def scores_of(planning: dict[str, Any], split: Split, protocol: ProtocolDocument
     assert document is not None
     arrays = split_arrays(split.samples, protocol.taxonomy)
     columns = document_columns(document, sorted(sample.sample_id for sample in split.samples))
-    scoring = SCORING[PLANNING.id]
+    scoring = scoring_of(PLANNING.id)
     measured = scoring.measure(columns, arrays, protocol.geometry)
     found = aggregate(scoring.grade(measured, arrays, protocol), arrays, protocol.taxonomy)
     rows = {"micro": found.micro, "macro_family": found.macro_family}

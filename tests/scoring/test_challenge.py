@@ -11,7 +11,7 @@ from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.split import SplitRef
 from exceptiondrive_scoring.aliases import Columns
 from exceptiondrive_scoring.arrays import SplitArrays
-from exceptiondrive_scoring.challenge import SCORING, ChallengeScoring, exact_sheet
+from exceptiondrive_scoring.challenge import ChallengeScoring, exact_sheet, scoring_of
 from exceptiondrive_scoring.planning import PlanningScoring
 from exceptiondrive_scoring.plausibility import OfControls, raised
 from exceptiondrive_scoring.sheet import aggregate
@@ -41,14 +41,14 @@ def split(make_split: MakeSplit) -> SplitArrays:
 
 
 def test_every_challenge_is_scored_by_a_class_of_its_own() -> None:
-    assert [type(SCORING[challenge_id]) for challenge_id in CHALLENGES] == list(CLASSES)
+    assert [type(scoring_of(challenge_id)) for challenge_id in CHALLENGES] == list(CLASSES)
 
 
 @pytest.mark.parametrize("challenge_id", list(CHALLENGES))
 def test_every_challenge_goes_the_same_way_to_a_sheet(
     challenge_id: ChallengeId, split: SplitArrays, protocol: ProtocolDocument
 ) -> None:
-    scoring = SCORING[challenge_id]
+    scoring = scoring_of(challenge_id)
     assert scoring.challenge == CHALLENGES[challenge_id]
     measurements = scoring.measure(_answers(challenge_id), split, protocol.geometry)
     assert all(len(column) == N for column in measurements.values())
@@ -70,7 +70,7 @@ def test_measuring_changes_none_of_its_inputs(
     before = {key: column.copy() for key, column in answers.items()}
     for column in (*answers.values(), split.regions_m, split.d_safe_m):
         column.setflags(write=False)
-    scoring = SCORING[challenge_id]
+    scoring = scoring_of(challenge_id)
     measurements = scoring.measure(answers, split, protocol.geometry)
     for column in measurements.values():
         column.setflags(write=False)
@@ -82,7 +82,7 @@ def test_measuring_changes_none_of_its_inputs(
 def test_the_strategy_sheet_carries_confusion_and_reminder_rows(
     split: SplitArrays, protocol: ProtocolDocument
 ) -> None:
-    scoring = SCORING[STRATEGY.id]
+    scoring = scoring_of(STRATEGY.id)
     answers = _answers(STRATEGY.id)
     assert "reminder" not in scoring.extra(answers, split, protocol)
     reminded = {**answers, "reminder_given": np.ones(N, dtype=np.bool_)}
@@ -98,7 +98,7 @@ def test_a_sheet_counts_what_was_answered_and_has_the_flags_of_samples_and_of_co
     split: SplitArrays,
     protocol: ProtocolDocument,
 ) -> None:
-    scoring, ref = SCORING[challenge_id], SplitRef(name="six", revision="sha256:" + "0" * 64)
+    scoring, ref = scoring_of(challenge_id), SplitRef(name="six", revision="sha256:" + "0" * 64)
     measured = scoring.measure(_answers(challenge_id), split, protocol.geometry)
     of_controls = OfControls(
         {"over_caution": 1.0}, (raised("over_cautious", "All are held back."),)

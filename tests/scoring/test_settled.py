@@ -9,12 +9,12 @@ from exceptiondrive_schemas.protocol import ProtocolDocument, packaged_protocol
 from exceptiondrive_schemas.split import SplitRef
 from exceptiondrive_scoring.aliases import Columns
 from exceptiondrive_scoring.arrays import SplitArrays
-from exceptiondrive_scoring.challenge import SCORING, Settled, exact_sheet, graded_sheet, settle
+from exceptiondrive_scoring.challenge import Settled, exact_sheet, graded_sheet, scoring_of, settle
 from exceptiondrive_scoring.measure import Measurements
 
 N = 900
 REF = SplitRef(name="made-up", revision="sha256:" + "0" * 64)
-PLANNER = SCORING[PLANNING.id]
+PLANNER = scoring_of(PLANNING.id)
 
 
 def measured(seed: int, *, has_drives: bool) -> Columns:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from tests.support import realdata
 
 from exceptiondrive_schemas.challenges import CHALLENGES, ChallengeId
-from exceptiondrive_scoring.challenge import SCORING
+from exceptiondrive_scoring.challenge import scoring_of
 from exceptiondrive_scoring.planning import PlanningScoring
 from exceptiondrive_scoring.similarity import (
     FARTHEST,
@@ -39,7 +39,7 @@ def ways(seed: int, n_samples: int = 3181) -> np.ndarray:
 
 @pytest.mark.parametrize("challenge", CHALLENGES)
 def test_every_challenge_says_what_is_alike(challenge: ChallengeId) -> None:
-    assert isinstance(SCORING[challenge].alike, AlikeRule)
+    assert isinstance(scoring_of(challenge).alike, AlikeRule)
 
 
 def test_a_copy_is_equal_and_a_stranger_is_not() -> None:

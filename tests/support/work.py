@@ -6,10 +6,11 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.db.clock import NOW
+from exceptiondrive_records.db.errors import Violation
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.work.jobs import claim_job
 from exceptiondrive_records.work.lease import claim, is_free
-from exceptiondrive_records.work.tables import BoardRequest, Job, WorkItem
+from exceptiondrive_records.work.tables import OPEN_STATES, BoardRequest, Job, Profile, WorkItem
 
 
 def claim_this(
@@ -44,3 +45,22 @@ def let_time_pass(session: Session, time: timedelta) -> None:
     for item in session.scalars(select(WorkItem)):
         item.available_at -= time
         item.lease_until = item.lease_until and item.lease_until - time
+
+
+def unfinished(session: Session) -> list[Violation]:
+    """Return what is still to be done: nothing, some time after the last fault."""
+    open_jobs = select(Job).where(Job.state.in_(OPEN_STATES))
+    found = [
+        Violation("unfinished", job.submission_id, f"its job is {job.state} still")
+        for job in session.scalars(open_jobs)
+    ]
+    found += [
+        Violation("unfinished", item.submission_id, "what its file looks like is not told")
+        for item in session.scalars(select(Profile).where(Profile.state.in_(OPEN_STATES)))
+    ]
+    wanted = select(BoardRequest).where(BoardRequest.state.in_(OPEN_STATES))
+    found += [
+        Violation("unfinished", row.phase_id, "a newer board is wanted than was built")
+        for row in session.scalars(wanted)
+    ]
+    return found

@@ -13,7 +13,7 @@ from exceptiondrive_schemas.challenges import STRATEGY
 from exceptiondrive_schemas.protocol import ProtocolDocument, packaged_protocol_toml, parse_protocol
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_schemas.taxonomy import Strategy
-from exceptiondrive_scoring.challenge import SCORING
+from exceptiondrive_scoring.challenge import scoring_of
 from exceptiondrive_worker.splits.private_store import PrivateStore
 from exceptiondrive_worker.splits.store import load_split
 from exceptiondrive_worker.stages import Stages, Target
@@ -46,7 +46,9 @@ def done() -> Counter[str]:
 
 
 @pytest.fixture
-def stages(tmp_path: Path, tiny: Split, done: Counter[str]) -> Stages:
+def stages(
+    tmp_path: Path, tiny: Split, done: Counter[str], monkeypatch: pytest.MonkeyPatch
+) -> Stages:
     """Stages over one strategy file, every step counted."""
     # SE1 takes C D, LB1 takes C, RS1 takes C E
     chosen = {"a": "E", "b": "D", "c": "C", "d": "D"}
@@ -54,7 +56,7 @@ def stages(tmp_path: Path, tiny: Split, done: Counter[str]) -> Stages:
     upload = json.dumps(
         {"schema": "exceptiondrive.strategy/1", "split": tiny.name, "predictions": predictions}
     ).encode()
-    strategy = SCORING[STRATEGY.id]
+    strategy = scoring_of(STRATEGY.id)
 
     def counting(name: str, function: Callable[..., Any]) -> Callable[..., Any]:
         def call(*args: Any) -> Any:
@@ -67,11 +69,11 @@ def stages(tmp_path: Path, tiny: Split, done: Counter[str]) -> Stages:
         measure = staticmethod(counting("measure", strategy.measure))
         grade = staticmethod(counting("grade", strategy.grade))
 
+    monkeypatch.setattr("exceptiondrive_worker.stages.scoring_of", lambda _: Counted())
     return Stages(
         PrivateStore(tmp_path / "private"),
         counting("load", lambda digest: upload),
         counting("read", read_upload),
-        {STRATEGY.id: Counted()},
     )
 
 

@@ -32,7 +32,7 @@ from exceptiondrive_schemas.protocol import (
 )
 from exceptiondrive_schemas.split import Manifest, Split
 from exceptiondrive_scoring.aliases import Columns
-from exceptiondrive_scoring.challenge import SCORING, exact_sheet
+from exceptiondrive_scoring.challenge import exact_sheet, scoring_of
 from exceptiondrive_worker.sample.planners import PLANNERS, predictions
 from exceptiondrive_worker.sample.scenes import SEED, sample_scenes, sample_split
 from exceptiondrive_worker.splits.store import LoadedSplit, load_split, read_split
@@ -251,7 +251,7 @@ def test_standing_in_both_inputs_of_half_the_scenes_gains_until_a_protocol_flags
 
 
 def test_an_agent_that_nearly_always_stops_is_right_in_most_samples_and_not_flagged() -> None:
-    protocol, scoring = packaged_protocol("1.1"), SCORING[STRATEGY.id]
+    protocol, scoring = packaged_protocol("1.1"), scoring_of(STRATEGY.id)
     assert all("C" in task.acceptable for task in protocol.tasks)
     loaded = load_split(sample_split(), protocol)
     ids = loaded.manifest.sample_ids
@@ -310,11 +310,11 @@ def read_answers(path: Path) -> dict[str, Any]:
 def measured(file: File, loaded: LoadedSplit) -> Columns:
     columns = {key: np.ascontiguousarray(getattr(file, key)) for key in ("source", "edited")}
     geometry = packaged_protocol("1.1").geometry
-    return SCORING[PLANNING.id].measure(columns, loaded.arrays, geometry)
+    return scoring_of(PLANNING.id).measure(columns, loaded.arrays, geometry)
 
 
 def hcc(file: File, loaded: LoadedSplit) -> float:
-    scoring, ref = SCORING[PLANNING.id], loaded.manifest.ref
+    scoring, ref = scoring_of(PLANNING.id), loaded.manifest.ref
     protocol = packaged_protocol("1.1")
     sheet = exact_sheet(scoring, measured(file, loaded), loaded.arrays, ref, protocol)
     return sheet.macro_family["hcc"] or 0.0
@@ -325,7 +325,7 @@ def barring_flags(
 ) -> set[str]:
     protocol = protocol or packaged_protocol("1.1")
     columns = measured(file, loaded)
-    flags = SCORING[PLANNING.id].plausibility(columns, loaded.arrays, protocol).flags
+    flags = scoring_of(PLANNING.id).plausibility(columns, loaded.arrays, protocol).flags
     return {flag.code for flag in flags} & set(protocol.ranking.unranked_flags)
 
 

@@ -10,7 +10,7 @@ from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.references import is_reserved
 from exceptiondrive_schemas.submission_files import PlanningPrediction, PlanningSubmission
-from exceptiondrive_scoring.challenge import SCORING
+from exceptiondrive_scoring.challenge import scoring_of
 from exceptiondrive_scoring.region import prepare_regions
 from exceptiondrive_scoring.sheet import Breakdown, aggregate
 from exceptiondrive_worker.sample.driving import Lane, Manoeuvre
@@ -121,7 +121,7 @@ def test_every_motion_is_one_a_car_can_make(
     loaded: LoadedSplit,
     protocol: ProtocolDocument,
 ) -> None:
-    scoring = SCORING[PLANNING.id]
+    scoring = scoring_of(PLANNING.id)
     columns = columns_of(predictions(planner, samples, SEED), loaded)
     measurements = scoring.measure(columns, loaded.arrays, protocol.geometry)
     assert scoring.plausibility(measurements, loaded.arrays, protocol).shares["impossible"] == 0
@@ -130,7 +130,7 @@ def test_every_motion_is_one_a_car_can_make(
 
 @pytest.fixture(scope="module")
 def breakdowns(loaded: LoadedSplit, protocol: ProtocolDocument) -> dict[str, Breakdown]:
-    scoring, found = SCORING[PLANNING.id], {}
+    scoring, found = scoring_of(PLANNING.id), {}
     for planner in PLANNERS:
         columns = columns_of(predictions(planner, sample_scenes(), SEED), loaded)
         measurements = scoring.measure(columns, loaded.arrays, protocol.geometry)
@@ -151,7 +151,7 @@ def test_planners_heed_what_lies_beside_the_road_if_they_startle(
 ) -> None:
     assert len(loaded.control_rows) == len(PLACEMENTS) == 21
     found = {
-        planner.method: SCORING[PLANNING.id]
+        planner.method: scoring_of(PLANNING.id)
         .of_controls(
             columns_of(predictions(planner, samples, SEED), loaded, of_controls=True), protocol
         )

@@ -9,7 +9,7 @@ import pytest
 from exceptiondrive_schemas.challenges import STRATEGY
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.score_sheet import ScoreSheet
-from exceptiondrive_scoring.challenge import SCORING, exact_sheet
+from exceptiondrive_scoring.challenge import exact_sheet, scoring_of
 from exceptiondrive_worker.sample.agents import AGENTS, Agent, agent_predictions
 from exceptiondrive_worker.sample.files import write_planners
 from exceptiondrive_worker.sample.scenes import SEED, sample_scenes, sample_split
@@ -32,7 +32,7 @@ def loaded(protocol: ProtocolDocument) -> LoadedSplit:
 @pytest.fixture(scope="module")
 def sheets(folder: Path, loaded: LoadedSplit, protocol: ProtocolDocument) -> dict[str, ScoreSheet]:
     """The exact sheet of each agent's file, read as an upload."""
-    scoring, found = SCORING[STRATEGY.id], {}
+    scoring, found = scoring_of(STRATEGY.id), {}
     for agent in AGENTS:
         data = (folder / f"{agent.file_name}.json.gz").read_bytes()
         answers = read_upload(data, challenge=STRATEGY, manifest=loaded.manifest, protocol=protocol)

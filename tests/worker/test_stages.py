@@ -19,7 +19,7 @@ from exceptiondrive_schemas.protocol import (
 )
 from exceptiondrive_schemas.score_sheet import ScoreSheet
 from exceptiondrive_schemas.split import Split
-from exceptiondrive_scoring.challenge import SCORING
+from exceptiondrive_scoring.challenge import scoring_of
 from exceptiondrive_worker.splits.private_store import PrivateStore, Shelf
 from exceptiondrive_worker.splits.store import load_split
 from exceptiondrive_worker.stages import RejectedUpload, Stages, Target
@@ -29,11 +29,11 @@ from exceptiondrive_worker.upload_reader import read_upload
 class Counted:
     """Stages over one upload whose every step is counted."""
 
-    def __init__(self, folder: Path, upload: bytes) -> None:
+    def __init__(self, folder: Path, upload: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
         self.done: Counter[str] = Counter()
         self.private = PrivateStore(folder)
         self.upload = upload
-        planning = SCORING[PLANNING.id]
+        planning = scoring_of(PLANNING.id)
         regrading = planning.regrading
         assert regrading is not None
         regrade = self._counting("regrade", regrading.grade, bound=False)
@@ -50,8 +50,8 @@ class Counted:
             self.private,
             self._counting("load", lambda digest: self.upload, bound=False),
             self._counting("read", read_upload, bound=False),
-            {PLANNING.id: counted},
         )
+        monkeypatch.setattr("exceptiondrive_worker.stages.scoring_of", lambda _: counted)
 
     def _counting(
         self, name: str, function: Callable[..., Any], *, bound: bool = True
@@ -82,8 +82,13 @@ def target(tiny: Split, protocol: ProtocolDocument) -> Target:
 
 
 @pytest.fixture
-def counted(tmp_path: Path, tiny: Split, planning_file: Callable[..., bytes]) -> Counted:
-    return Counted(tmp_path / "private", planning_file(tiny))
+def counted(
+    tmp_path: Path,
+    tiny: Split,
+    planning_file: Callable[..., bytes],
+    monkeypatch: pytest.MonkeyPatch,
+) -> Counted:
+    return Counted(tmp_path / "private", planning_file(tiny), monkeypatch)
 
 
 def under(target: Target, tiny: Split, **sections: dict[str, Any]) -> Target:
@@ -108,10 +113,11 @@ def test_the_same_again_comes_to_the_same_bits_from_what_is_settled(
 
 
 def test_a_fresh_store_comes_to_the_same_bits(
-    counted: Counted, target: Target, tmp_path: Path
+    counted: Counted, target: Target, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     first, _ = counted.score(target)
-    assert Counted(tmp_path / "other", counted.upload).score(target) == (first, EVERYTHING)
+    other = Counted(tmp_path / "other", counted.upload, monkeypatch)
+    assert other.score(target) == (first, EVERYTHING)
 
 
 def test_the_digest_tells_nothing_to_who_knows_the_sheet_but_not_the_regions(
@@ -188,12 +194,18 @@ def _changed(value: Any) -> Any:
     ],
 )
 def test_a_sheet_from_what_was_kept_is_that_of_a_fresh_store(
-    counted: Counted, target: Target, tiny: Split, tmp_path: Path, section: str, name: str
+    counted: Counted,
+    target: Target,
+    tiny: Split,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    section: str,
+    name: str,
 ) -> None:
     counted.score(target)
     value = _changed(getattr(getattr(target.protocol, section), name))
     other = under(target, tiny, **{section: {name: value}})
-    fresh = Counted(tmp_path / "fresh", counted.upload)
+    fresh = Counted(tmp_path / "fresh", counted.upload, monkeypatch)
     assert counted.score(other)[0] == fresh.score(other)[0]
 
 
@@ -312,8 +324,10 @@ def test_an_upload_that_needs_too_much_memory_is_rejected(tmp_path: Path, target
     assert [group.code.value for group in caught.value.report.faults] == ["inflates_too_large"]
 
 
-def test_a_rejected_upload_leaves_nothing_in_the_store(tmp_path: Path, target: Target) -> None:
-    counted = Counted(tmp_path / "private", b"not json")
+def test_a_rejected_upload_leaves_nothing_in_the_store(
+    tmp_path: Path, target: Target, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    counted = Counted(tmp_path / "private", b"not json", monkeypatch)
     with pytest.raises(RejectedUpload):
         counted.score(target)
     assert list(counted.private.root.glob("*/*")) == []
@@ -332,10 +346,15 @@ def with_control(tiny: Split, sample_id: str) -> Split:
 
 
 def test_over_caution_is_of_the_controls_and_another_control_is_another_sheet(
-    tmp_path: Path, tiny: Split, planning_file: Callable[..., bytes], protocol: ProtocolDocument
+    tmp_path: Path,
+    tiny: Split,
+    planning_file: Callable[..., bytes],
+    protocol: ProtocolDocument,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     stopping = {"b": {"edited": [[0.1 * step, 0.0] for step in range(1, 7)]}}
-    counted = Counted(tmp_path / "private", planning_file(tiny, edited_mps=3.0, changes=stopping))
+    upload = planning_file(tiny, edited_mps=3.0, changes=stopping)
+    counted = Counted(tmp_path / "private", upload, monkeypatch)
 
     def sheet(split: Split) -> ScoreSheet:
         target = Target("sha256:upload", PLANNING, load_split(split, protocol), protocol)
@@ -350,9 +369,13 @@ def test_over_caution_is_of_the_controls_and_another_control_is_another_sheet(
 
 
 def test_recorded_paths_are_measured_against_and_kept_apart(
-    tmp_path: Path, tiny: Split, planning_file: Callable[..., bytes], protocol: ProtocolDocument
+    tmp_path: Path,
+    tiny: Split,
+    planning_file: Callable[..., bytes],
+    protocol: ProtocolDocument,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    counted = Counted(tmp_path / "private", planning_file(tiny, source_mps=4.0))
+    counted = Counted(tmp_path / "private", planning_file(tiny, source_mps=4.0), monkeypatch)
     path = tuple((2.0 * step, 3.0) for step in range(1, 7))
     told = tiny.model_copy(
         update={

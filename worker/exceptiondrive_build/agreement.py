@@ -30,12 +30,10 @@ class Outcome:
     Attributes:
         state: `open`: a blind reading is missing; `third`: two differ, and a third reader decides.
         corners: The region, where it is verified.
-        people: Who decided it, in the order of their readings.
     """
 
     state: State
     corners: Corners | None = None
-    people: tuple[str, ...] = ()
 
 
 def readings(records: Sequence[Record]) -> list[tuple[str, Verified]]:
@@ -62,21 +60,17 @@ def outcome(records: Sequence[Record], limits: VerifySection) -> Outcome:
     pair = blind_pair(records)
     if len(pair) < N_BLIND:
         return Outcome("open")
-    people, (first, second) = tuple(person for person, _ in pair), (word for _, word in pair)
+    (_, first), (_, second) = pair
     if not first.accepted and not second.accepted:
-        return Outcome("rejected", people=people)
-    between = (
-        middle(first.corners, second.corners, limits) if first.accepted == second.accepted else None
-    )
-    if between is not None:
-        return Outcome("verified", between, people)
-    for person, word in reversed(words[words.index(pair[-1]) :]):
+        return Outcome("rejected")
+    if first.accepted and second.accepted:
+        between = middle(first.corners, second.corners, limits)
+        if between is not None:
+            return Outcome("verified", between)
+    for _, word in reversed(words[words.index(pair[-1]) :]):
         if not word.blind:
-            everybody = (*people, person)
-            if word.accepted:
-                return Outcome("verified", word.corners, everybody)
-            return Outcome("rejected", people=everybody)
-    return Outcome("third", people=people)
+            return Outcome("verified", word.corners) if word.accepted else Outcome("rejected")
+    return Outcome("third")
 
 
 def readings_left(records: Sequence[Record], limits: VerifySection) -> int:

@@ -362,7 +362,7 @@ class _Run:
     def _record(self, candidate: Candidate, value: Document) -> None:
         stage = self._stage
         by, inputs = asked(stage.kind, stage.workshop, stage.prompts, candidate)
-        stage.workshop.append(
+        stage.workshop.records.append(
             Record(
                 kind=stage.kind,
                 candidate=candidate.sample_id,

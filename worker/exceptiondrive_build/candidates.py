@@ -14,7 +14,7 @@ from typing import TypeVar
 import numpy as np
 
 from exceptiondrive_build.prompts import Prompts, chat_author, edit_author, scene_words
-from exceptiondrive_build.records import Author, Kind, Record, newest
+from exceptiondrive_build.records import Author, Kind, Record
 from exceptiondrive_build.scenes.cameras import project
 from exceptiondrive_build.scenes.keyframe import Camera, Keyframe
 from exceptiondrive_build.settings import ReviewSection, TaskTexts
@@ -218,9 +218,11 @@ class _Reading:
     def _look(
         self, candidate: Candidate, kind: Kind, inputs: tuple[str, ...], by: Author | None = None
     ) -> None:
-        record = newest(self._of(kind, candidate), inputs, by)
-        if record is not None:
-            candidate.current[kind] = record
+        """Take the newest record that was decided by looking at just this, by who would be asked now."""
+        for record in reversed(self._of(kind, candidate)):
+            if record.inputs == inputs and by in (None, record.by):
+                candidate.current[kind] = record
+                return
 
     def _of(self, kind: Kind, candidate: Candidate) -> tuple[Record, ...]:
         return self._records[kind].get(candidate.sample_id, ())

@@ -4,6 +4,7 @@ import sqlite3
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import ClassVar
 
 from exceptiondrive_build.errors import BuildError
 
@@ -11,7 +12,10 @@ from exceptiondrive_build.errors import BuildError
 class Database:
     """Some tables in the file; several processes may use it at once."""
 
-    def __init__(self, path: Path, tables: str) -> None:
+    tables: ClassVar[str]
+    """The statements that make them, where they are not there."""
+
+    def __init__(self, path: Path) -> None:
         """Open or create them.
 
         Raises:
@@ -23,7 +27,7 @@ class Database:
             self._connection.execute("PRAGMA journal_mode = WAL")
             self._connection.execute("PRAGMA synchronous = FULL")
             self._connection.execute("PRAGMA foreign_keys = ON")
-            self._connection.executescript(tables)
+            self._connection.executescript(self.tables)
 
     def close(self) -> None:
         """Close the file."""

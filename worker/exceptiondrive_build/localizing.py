@@ -89,10 +89,11 @@ def localize(workshop: Workshop, file: Path) -> LocalizeReport:
     """Propose a detector's boxes for every candidate that is accepted or may yet be.
 
     Raises:
-        BuildError: The file cannot be read, or its boxes are in another frame.
+        BuildError: The file is none of a detector, or its boxes are in another frame.
+        OSError: It cannot be read.
     """
     candidates = walk(workshop)
-    data = _bytes(file)
+    data = file.read_bytes()
     boxes_of = _reader(file, data, {*workshop.keyframes, *candidates})
     limits = workshop.settings.localize
     found: dict[str, Box] = {}
@@ -169,19 +170,12 @@ def _propose(
         for candidate in eligible
         if candidate.sample_id in values and candidate.localized != values[candidate.sample_id]
     ]
-    workshop.append(*records)
+    workshop.records.append(*records)
     return LocalizeReport(
         proposed=len(records),
         unchanged=len(values) - len(records),
         without=dict(without.most_common()),
     )
-
-
-def _bytes(file: Path) -> bytes:
-    try:
-        return file.read_bytes()
-    except OSError as error:
-        raise BuildError(f"{file}: {error.strerror}.") from None
 
 
 def _reader(file: Path, data: bytes, known: set[str]) -> Callable[[Candidate], list[Box]]:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from exceptiondrive_build.records import Author
 from exceptiondrive_build.scenes.keyframe import Keyframe
-from exceptiondrive_build.settings import ChatSection, EditSection, TaskTexts
+from exceptiondrive_build.settings import ChatSection, EditSection, ModelSection, TaskTexts
 from exceptiondrive_build.values import Screened
 from exceptiondrive_schemas.base import content_digest
 
@@ -79,18 +79,17 @@ def scene_words(keyframe: Keyframe) -> str:
 
 def chat_author(section: ChatSection, *words: str) -> Author:
     """Who decides when a chat model is told these words."""
-    settings = [section.temperature, section.max_tokens, section.extra]
-    return _author(section.model, words, content_digest(settings))
+    return _author(section, words, [section.temperature, section.max_tokens, section.extra])
 
 
 def edit_author(section: EditSection, *words: str) -> Author:
     """Who decides when the editing model is told these words, one for each view."""
-    settings = [section.seed, section.resample, section.extra]
-    return _author(section.model, words, content_digest(settings))
+    return _author(section, words, [section.seed, section.resample, section.extra])
 
 
-def _author(model: str, words: tuple[str, ...], settings: str) -> Author:
-    return Author(model=model, prompt=content_digest(list(words)), settings=settings)
+def _author(section: ModelSection, words: tuple[str, ...], settings: list[object]) -> Author:
+    prompt = content_digest(list(words))
+    return Author(model=section.model, prompt=prompt, settings=content_digest(settings))
 
 
 def _span(ends: tuple[float, float]) -> str:

@@ -12,7 +12,6 @@ from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime
 from enum import StrEnum
-from pathlib import Path
 from typing import Any, Self
 
 from pydantic import Field, model_validator
@@ -124,13 +123,7 @@ class Record(Document):
 class Records(Database):
     """The table in a file."""
 
-    def __init__(self, path: Path) -> None:
-        """Open or create it.
-
-        Raises:
-            BuildError: The file cannot be opened, or is no table of records.
-        """
-        super().__init__(path, _TABLE)
+    tables = _TABLE
 
     def append(self, *records: Record) -> tuple[Record, ...]:
         """Append decisions, all or none, and return them with their ids, once they are on the disk.
@@ -190,17 +183,6 @@ def standing(records: Sequence[Record]) -> dict[str, tuple[Record, ...]]:
         if record.id not in gone and record.value is not None:
             found[record.candidate].append(record)
     return {candidate: tuple(decisions) for candidate, decisions in found.items()}
-
-
-def newest(
-    records: Sequence[Record], inputs: tuple[str, ...], by: Author | None = None
-) -> Record | None:
-    """The newest of a candidate's records of one kind that was decided by looking at just this.
-
-    The records come oldest first; `by` is who would be asked now, None anybody.
-    """
-    of_these = (it for it in reversed(records) if it.inputs == inputs and by in (None, it.by))
-    return next(of_these, None)
 
 
 def _record(row: tuple[Any, ...]) -> Record:

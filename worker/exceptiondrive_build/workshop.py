@@ -75,14 +75,6 @@ class Workshop:
         """Close the records."""
         self.records.close()
 
-    def append(self, *records: Record) -> tuple[Record, ...]:
-        """Append decisions, all or none, and return them with their ids.
-
-        Raises:
-            BuildError: They cannot be written, or one supersedes what is superseded already.
-        """
-        return self.records.append(*records)
-
     def current(self, kind: Kind) -> dict[str, Record]:
         """The newest record of a kind that nothing supersedes, by candidate.
 

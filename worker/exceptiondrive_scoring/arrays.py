@@ -42,10 +42,6 @@ class TrajectoryPairs:
         source, edited = columns["source"], columns["edited"]
         return cls(source, edited, ~np.isnan(source[:, 0, 0]), ~np.isnan(edited[:, 0, 0]))
 
-    def columns(self) -> Columns:
-        """What a store keeps: `source` and `edited`, NaN where missing."""
-        return {"source": self.source, "edited": self.edited}
-
 
 @dataclass(frozen=True)
 class TaskGroups:

@@ -5,15 +5,14 @@ what a store keeps, and what every function here takes.
 """
 
 import typing
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
 from pkgutil import resolve_name
 
 import numpy as np
 
 from exceptiondrive_schemas.base import canonical_json
-from exceptiondrive_schemas.challenges import Challenge, ChallengeId
+from exceptiondrive_schemas.challenges import Challenge
 from exceptiondrive_schemas.check import CheckedDocument
 from exceptiondrive_schemas.check.rules import SCORED_BY
 from exceptiondrive_schemas.protocol import GeometrySection, ProtocolDocument
@@ -96,26 +95,14 @@ class ChallengeScoring(typing.Protocol):
         """Pictures of some samples, regions and all; None where there is nothing to draw."""
 
 
-class _Scoring(Mapping[ChallengeId, ChallengeScoring]):
-    """How each registered challenge is scored; imported when it is asked for."""
+def scoring_of(challenge_id: str) -> ChallengeScoring:
+    """Return how a registered challenge is scored; imported when it is asked for.
 
-    def __getitem__(self, challenge_id: str) -> ChallengeScoring:
-        return _scoring_named(SCORED_BY[challenge_id])
-
-    def __iter__(self) -> Iterator[ChallengeId]:
-        return iter(SCORED_BY)
-
-    def __len__(self) -> int:
-        return len(SCORED_BY)
-
-
-@cache
-def _scoring_named(name: str) -> ChallengeScoring:
-    scoring: ChallengeScoring = resolve_name(name)()
+    Raises:
+        UnknownChallengeError: No such challenge is registered.
+    """
+    scoring: ChallengeScoring = resolve_name(SCORED_BY[challenge_id])()
     return scoring
-
-
-SCORING: Mapping[ChallengeId, ChallengeScoring] = _Scoring()
 
 
 def document_columns(document: CheckedDocument, sample_ids: Sequence[str]) -> Columns:
@@ -124,7 +111,7 @@ def document_columns(document: CheckedDocument, sample_ids: Sequence[str]) -> Co
     Raises:
         KeyError: The file has no prediction for one of the samples.
     """
-    return SCORING[document.challenge].columns(document, sample_ids)
+    return scoring_of(document.challenge).columns(document, sample_ids)
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,6 @@ from exceptiondrive_records.splits.drawings import (
 )
 from exceptiondrive_schemas.drawing import PACKAGED_DRAWING, EntryDrawings
 from exceptiondrive_schemas.protocol import packaged_protocol
-from exceptiondrive_scoring.challenge import SCORING
 from exceptiondrive_scoring.drawing import protocol_drawing
 from exceptiondrive_worker.context import WorkerContext
 from exceptiondrive_worker.stages import RejectedUpload, Stages, Target
@@ -81,7 +80,7 @@ def drawings_of(stages: Stages, split: PublicSplit, target: Target) -> EntryDraw
     loaded = target.split
     if loaded.manifest.ref != split.ref:
         raise WithheldSplitError(f"split {loaded.manifest.name} is not public: nothing is drawn")
-    return SCORING[target.challenge.id].drawings(
+    return target.scoring.drawings(
         stages.counted_answers(target),
         stages.measurements(target),
         loaded.counted_ids,

@@ -9,7 +9,8 @@ import structlog
 from sqlalchemy import func, select
 from sqlalchemy.exc import SQLAlchemyError
 
-from exceptiondrive_records.db.database import Database, database_now
+from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.db.identifiers import random_id
 from exceptiondrive_records.phases.phases import splits_in_use
 from exceptiondrive_records.work.heartbeats import beat, forget_worker

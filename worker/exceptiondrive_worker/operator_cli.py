@@ -41,7 +41,7 @@ from exceptiondrive_worker.splits.admin import (
     register_all_splits,
     with_drives,
 )
-from exceptiondrive_worker.splits.faults import SplitRefusedError
+from exceptiondrive_worker.splits.faults import SplitRefusedError, split_faults
 from exceptiondrive_worker.splits.floors import FloorsUnreadableError
 from exceptiondrive_worker.splits.pictures import (
     PicturesRefusedError,
@@ -138,17 +138,13 @@ def check_split(
 ) -> None:
     """Say whether a split file can be scored, and what makes it a doubtful benchmark."""
     rules, split = _protocol(protocol), read_split(file)
-    try:
-        load_split(split, rules)
-    except SplitRefusedError as refused:
-        if not json_:
-            raise
-        typer.echo(json.dumps(check_report(split, refused.faults, ())))
-        raise typer.Exit(2) from None
-    warnings = split_warnings(split, rules)
+    faults = split_faults(split, rules)
+    if faults and not json_:
+        raise SplitRefusedError(split.name, faults)
+    warnings = () if faults else split_warnings(split, rules)
     if json_:
-        typer.echo(json.dumps(check_report(split, (), warnings)))
-        return
+        typer.echo(json.dumps(check_report(split, faults, warnings)))
+        raise typer.Exit(2 if faults else 0)
     typer.echo(f"{split.name}: {len(split.samples)} samples, {split.revision}")
     for line in warning_lines(warnings, with_samples=True):
         typer.echo(printable(line))

@@ -171,17 +171,16 @@ def keep_memory() -> None:
     gc.freeze()
 
 
-def limit_memory(headroom_bytes: int) -> int | None:
-    """Let this process take at most so much beyond what it has; return the limit in bytes.
+def limit_memory(headroom_bytes: int) -> None:
+    """Let this process take at most so much beyond what it has.
 
-    Allocations beyond it raise `MemoryError`. Without `/proc` nothing is limited: None.
+    Allocations beyond it raise `MemoryError`. Without `/proc` nothing is limited.
     """
     present = address_space_bytes()
     if present is None:
-        return None
+        return
     limit = present + headroom_bytes
     _, hard = resource.getrlimit(resource.RLIMIT_AS)
     if hard != resource.RLIM_INFINITY:
         limit = min(limit, hard)
     resource.setrlimit(resource.RLIMIT_AS, (limit, hard))
-    return limit

@@ -19,7 +19,6 @@ from exceptiondrive_records.work.fair_share import is_live_job_waiting
 from exceptiondrive_schemas.api.similarity import AlikeSubmission
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_scoring.aliases import FloatArray
-from exceptiondrive_scoring.challenge import SCORING
 from exceptiondrive_scoring.similarity import (
     SLACK,
     Alikeness,
@@ -56,7 +55,7 @@ def compare_submissions(context: WorkerContext, phase_id: str, like: Target) -> 
     Gives way as soon as a live job waits, or its time is over: the rest follow with the next board.
     `like` is a target with the challenge, split and protocol of all, whatever its file.
     """
-    rule = SCORING[like.challenge.id].alike
+    rule = like.scoring.alike
     if rule is None:
         return 0
     with context.database.read() as session:

@@ -7,14 +7,14 @@ geometry nor what they do not change, a new geometry touches no upload.
 """
 
 import hmac
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
 from pydantic import ValidationError
 
 from exceptiondrive_schemas.base import canonical_json
-from exceptiondrive_schemas.challenges import Challenge, ChallengeId
+from exceptiondrive_schemas.challenges import Challenge
 from exceptiondrive_schemas.check import check
 from exceptiondrive_schemas.faults import CheckReport, Fault, FaultCode, FaultGroup
 from exceptiondrive_schemas.protocol import ProtocolDocument
@@ -24,10 +24,10 @@ from exceptiondrive_scoring import SCORER_VERSION
 from exceptiondrive_scoring.aliases import Columns, IntArray
 from exceptiondrive_scoring.bootstrap import SceneSums, scene_sums
 from exceptiondrive_scoring.challenge import (
-    SCORING,
     ChallengeScoring,
     Settled,
     graded_sheet,
+    scoring_of,
     settle,
 )
 from exceptiondrive_scoring.grade import SampleScores
@@ -52,6 +52,11 @@ class Target:
     """Whose bounds the upload passed; by default those of `protocol`."""
     made: Columns | None = None
     """Answers of the whole split, where they are at hand: made here, `file_digest` is theirs then, or just read."""
+
+    @property
+    def scoring(self) -> ChallengeScoring:
+        """How its challenge is scored."""
+        return scoring_of(self.challenge.id)
 
 
 @dataclass(frozen=True)
@@ -106,16 +111,11 @@ class Stages:
     """Runs the stages of a scoring run, and only those whose result is not kept yet."""
 
     def __init__(
-        self,
-        private: PrivateStore,
-        load_upload: LoadUpload,
-        read_answers: ReadAnswers,
-        scoring: Mapping[ChallengeId, ChallengeScoring] = SCORING,
+        self, private: PrivateStore, load_upload: LoadUpload, read_answers: ReadAnswers
     ) -> None:
         self.private = private
         self._load_upload = load_upload
         self._read_answers = read_answers
-        self._scoring = scoring
 
     def score(self, target: Target) -> Scored:
         """Return the exact score sheet of an upload.
@@ -125,7 +125,7 @@ class Stages:
         """
         settled, split = self.settled(target), target.split
         sheet = graded_sheet(
-            self._scoring_of(target), settled, split.arrays, split.manifest.ref, target.protocol
+            target.scoring, settled, split.arrays, split.manifest.ref, target.protocol
         )
         return Scored(sheet, _measurement_key(target), split.regions_digest)
 
@@ -136,7 +136,7 @@ class Stages:
             RejectedUpload: The upload has faults.
         """
         measurement_key = _measurement_key(target)
-        split, scoring = target.split, self._scoring_of(target)
+        split, scoring = target.split, target.scoring
         is_kept, key = scoring.regrading is not None, _settled_key(measurement_key, target)
         kept = self.private.read_columns(Shelf.SETTLED, key) if is_kept else None
         if kept is not None:
@@ -165,7 +165,7 @@ class Stages:
         kept = self.private.read_columns(Shelf.MEASUREMENTS, key)
         if kept is not None:
             return kept
-        measured = self._scoring_of(target).measure(
+        measured = target.scoring.measure(
             self.counted_answers(target), target.split.arrays, target.protocol.geometry
         )
         self.private.write_columns(Shelf.MEASUREMENTS, key, measured)
@@ -234,10 +234,7 @@ class Stages:
         """
         kept = self.private.read_columns(Shelf.MEASUREMENTS, measurement_key)
         measured = kept or self.measurements(target)
-        return self._scoring_of(target).grade(measured, target.split.arrays, target.protocol)
-
-    def _scoring_of(self, target: Target) -> ChallengeScoring:
-        return self._scoring[target.challenge.id]
+        return target.scoring.grade(measured, target.split.arrays, target.protocol)
 
     def _read(self, target: Target) -> Columns:
         data = self._load_upload(target.file_digest)

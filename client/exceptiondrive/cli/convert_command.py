@@ -1,5 +1,6 @@
 """The command that makes a submission of a planner's own files."""
 
+from os.path import isfile
 from pathlib import Path
 from typing import Annotated, cast, get_args
 
@@ -204,7 +205,7 @@ def _read_files(
     try:
         return read_pairs(files, mode, on_form)
     except InvalidArgumentError as error:
-        if error.code != "unreadable_file" or len(files) > 1 or not files[0].is_file():
+        if error.code != "unreadable_file" or len(files) > 1 or not isfile(files[0]):
             raise
         report = check(files[0].read_bytes(), protocol=rules, challenge=PLANNING.id).report
         if not report.n_predictions or report.is_valid:

@@ -11,6 +11,7 @@ from exceptiondrive.cli.session import open_client
 from exceptiondrive.data import download_file, read_data_manifest
 from exceptiondrive.errors import NotFoundError
 from exceptiondrive.settings import default_phase
+from exceptiondrive_schemas.printable import counted
 
 
 def data(
@@ -45,7 +46,7 @@ def data(
         f"licence: {manifest.licence} {manifest.licence_url}".rstrip(),
         *((f"page: {page.data_url}",) if page.data_url else ()),
         *(f"{file.bytes:>15,} bytes  {file.name}" for file in manifest.files),
-        f"{manifest.total_bytes:>15,} bytes in {len(manifest.files)} files",
+        f"{manifest.total_bytes:>15,} bytes in {counted(len(manifest.files), 'file')}",
     )
     if list_only:
         show_result(manifest, json, *said)
@@ -64,4 +65,4 @@ def data(
         with transfer_bar("downloading", file.name) as bar:
             paths.append(str(download_file(file, output, bar)))
     done = {"licence": manifest.licence, "files": paths}
-    show_result(done, json, f"{len(paths)} files in {output}, as the list says")
+    show_result(done, json, f"{counted(len(paths), 'file')} in {output}, as the list says")

@@ -81,13 +81,11 @@ def file_view(report: CheckReport) -> Iterator[RenderableType]:
 
 def _headline(report: CheckReport, name: str) -> str:
     if not report.faults:
-        facts = [report.challenge or "", f"{report.n_predictions} predictions"]
+        facts = [report.challenge or "", counted(report.n_predictions or 0, "prediction")]
         facts += [f"split {report.split}"] if report.split else []
         return f"{name} is valid: {', '.join(fact for fact in facts if fact)}"
-    total, kinds = report.n_faults, len(report.faults)
-    return (
-        f"{name} is not valid: {total} fault{'s' * (total > 1)} of {kinds} kind{'s' * (kinds > 1)}"
-    )
+    faults, kinds = counted(report.n_faults, "fault"), counted(len(report.faults), "kind")
+    return f"{name} is not valid: {faults} of {kinds}"
 
 
 def _examples(group: FaultGroup) -> FittedTable:

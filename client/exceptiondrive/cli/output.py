@@ -1,6 +1,7 @@
 """Where words go: results on stdout, everything else on stderr, colour and motion on terminals."""
 
 import json
+import os
 import re
 import sys
 from collections.abc import Iterable, Iterator, Sized
@@ -121,7 +122,7 @@ def saved(path: Path, data: bytes) -> Answer:
 @contextmanager
 def replacing(path: Path) -> Iterator[None]:
     """Say on stderr that a file was there, where what is made or fetched anew was written over it."""
-    was_there = path.is_file()
+    was_there = os.path.isfile(path)
     yield
     if was_there:
         say(f"{path} was there, and is replaced")

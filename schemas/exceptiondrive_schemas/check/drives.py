@@ -23,7 +23,7 @@ def drives_fault(drives: Sequence[Trajectory], protocol: ProtocolDocument) -> st
     """
     tracks = Tracks.of(list(map(chain.from_iterable, drives)), protocol.geometry.waypoints)
     faults = FaultList()
-    FrameCheck.of(tracks, protocol).finish(faults, None)
+    FrameCheck(tracks, protocol).finish(faults, None)
     if not faults.is_empty:
         return faults.groups()[0].message
     n_moving, n_wrong = len(_moving(tracks, protocol)), len(not_driven(tracks, protocol))

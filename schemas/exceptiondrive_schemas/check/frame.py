@@ -6,12 +6,11 @@ Only source trajectories are looked at (docs/protocol.md section 5).
 import math
 import statistics
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from operator import sub
 
 from exceptiondrive_schemas.check.fault_list import FaultList
-from exceptiondrive_schemas.check.tracks import Column, Tracks
+from exceptiondrive_schemas.check.tracks import Tracks
 from exceptiondrive_schemas.check.transformations import UNITS_M
 from exceptiondrive_schemas.faults import FaultCode
 from exceptiondrive_schemas.file_profile import CONVERT, FileProfile
@@ -27,48 +26,26 @@ SMALLER_UNITS = ("feet", "centimetres", "millimetres")
 """In which a drive is too fast for a car in metres; the ones that planners write."""
 
 
-@dataclass(frozen=True)
 class FrameCheck:
-    """Where the whole source trajectories of a file begin and end.
+    """Where the whole source trajectories of a file, with the waypoints of the protocol, begin and end."""
 
-    Attributes:
-        protocol: Gives bounds, horizon and the angles that are refused.
-        first_m: How far from the origin each one's first waypoint is.
-        extents_m: How far its last waypoint is from its first.
-        angles_rad: Where those that move end, counter-clockwise from +x.
-    """
-
-    protocol: ProtocolDocument
-    first_m: Column
-    extents_m: Column
-    angles_rad: Column
-
-    @classmethod
-    def of(cls, sources: Tracks, protocol: ProtocolDocument) -> "FrameCheck":
-        """Look at source trajectories with the waypoints of the protocol."""
-        first_x, first_y = sources.x_m[0], sources.y_m[0]
-        last_x, last_y = sources.x_m[-1], sources.y_m[-1]
-        from_m = protocol.plausibility.frame_check_min_motion_m**2
-        return cls(
-            protocol,
-            list(map(math.hypot, first_x, first_y)),
-            list(map(math.hypot, map(sub, last_x, first_x), map(sub, last_y, first_y))),
-            [
-                math.atan2(y, x)
-                for x, y in zip(last_x, last_y, strict=True)
-                if x * x + y * y > from_m
-            ],
-        )
+    def __init__(self, sources: Tracks, protocol: ProtocolDocument) -> None:
+        self._sources, self._protocol = sources, protocol
+        from_m2 = protocol.plausibility.frame_check_min_motion_m**2
+        last = zip(sources.x_m[-1], sources.y_m[-1], strict=True)
+        self._angles_rad = [math.atan2(y, x) for x, y in last if x * x + y * y > from_m2]
 
     @cached_property
     def _medians_m(self) -> tuple[float, float]:
         """How far from the origin a first waypoint is, and a last one from the first."""
-        return statistics.median(self.first_m), statistics.median(self.extents_m)
+        x_m, y_m = self._sources.x_m, self._sources.y_m
+        extents_m = map(math.hypot, map(sub, x_m[-1], x_m[0]), map(sub, y_m[-1], y_m[0]))
+        return statistics.median(map(math.hypot, x_m[0], y_m[0])), statistics.median(extents_m)
 
     @property
     def is_judged(self) -> bool:
         """Whether enough trajectories move for a verdict."""
-        return len(self.angles_rad) >= self.protocol.plausibility.frame_check_min_samples
+        return len(self._angles_rad) >= self._protocol.plausibility.frame_check_min_samples
 
     @property
     def is_of_the_car(self) -> bool:
@@ -90,19 +67,19 @@ class FrameCheck:
             first, extent = self._medians_m
             got = (
                 f"a first waypoint {first:.4g} from the origin, the last {extent:.4g} from it; median "
-                f"of {len(self.first_m):,} source trajectories"
+                f"of {len(self._sources.x_m[0]):,} source trajectories"
             )
             self._refuse(faults, "metres, from the rear axle at t = 0", got, wrong_unit)
             return
-        limit_deg = self.protocol.plausibility.frame_check_max_angle_deg
-        median_deg = math.degrees(statistics.median(map(abs, self.angles_rad)))
+        limit_deg = self._protocol.plausibility.frame_check_max_angle_deg
+        median_deg = math.degrees(statistics.median(map(abs, self._angles_rad)))
         if median_deg > limit_deg:
             self._refuse(
                 faults,
                 f"a median angle to +x of at most {limit_deg:g} "
                 "degrees over the source trajectories that move",
-                f"{median_deg:.1f} degrees over {len(self.angles_rad):,} source trajectories",
-                mended or frame_verdict(self.angles_rad, math.radians(limit_deg)),
+                f"{median_deg:.1f} degrees over {len(self._angles_rad):,} source trajectories",
+                mended or frame_verdict(self._angles_rad, math.radians(limit_deg)),
             )
 
     def _away(self) -> str | None:
@@ -127,7 +104,7 @@ class FrameCheck:
 
     def _too_large(self, mended: str | None) -> str | None:
         """Say what it looks like where no car is so fast: the smallest unit that makes it one."""
-        geometry = self.protocol.geometry
+        geometry = self._protocol.geometry
         _, extent = self._medians_m
         speed_mps = extent / (geometry.horizon_s - geometry.time_step_s)
         limit_mps = geometry.max_step_m / geometry.time_step_s

@@ -124,7 +124,7 @@ class PlanningRules:
         if tracks is None and self._faults.is_empty:  # all of them are whole
             tracks = self._tracks = PairTracks.of(answers.values(), n_waypoints)
         sources = tracks.source if tracks else Tracks.of(self._sources, n_waypoints)
-        frame = FrameCheck.of(sources, self._protocol)
+        frame = FrameCheck(sources, self._protocol)
         profile = file_profile(
             answers,
             self._geometry,

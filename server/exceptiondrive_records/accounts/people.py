@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from datetime import timedelta
 from typing import Any
 
-from sqlalchemy import ColumnElement, and_, func, or_, select, update
+from sqlalchemy import ColumnElement, and_, bindparam, func, or_, select, update
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.accounts.roles import OrganizerRole, checked_phases
@@ -140,16 +140,24 @@ MAX_OPEN_INVITATIONS = 20
 MAX_INVITATIONS_A_DAY = 100
 """Each leaves a row and audit lines for ever, however soon it is withdrawn."""
 _NO_INVITATION = secret_digest("no such invitation")
+_HELD_TEAM = (
+    select(Team)
+    .where(Team.id == bindparam("team"))
+    .with_for_update(key_share=True)
+    .execution_options(populate_existing=True)
+)
 
 
 def hold_team(session: Session, team_id: int) -> Team:
     """Return a team as it is now, and let nobody merge, forget or refuse it until this transaction ends.
 
+    Of those that ask so, one at a time goes on: a quota is counted exactly. Rows that refer to the team
+    may be written meanwhile: a notice waits for nobody here.
+
     Raises:
         Conflict: It was refused.
     """
-    weak = {"key_share": True}
-    team = session.get(Team, team_id, with_for_update=weak, populate_existing=True)
+    team = session.scalars(_HELD_TEAM, {"team": team_id}).first()
     if team is None:
         raise Conflict("The team was refused meanwhile: nobody acts for it any more.")
     return team

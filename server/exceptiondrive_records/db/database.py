@@ -36,11 +36,8 @@ from sqlalchemy.orm.util import identity_key
 
 from exceptiondrive_records.audit.log import chain_audit_lines, chain_in_sql, take_audit_lines
 from exceptiondrive_records.db.base import Base
-from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import Conflict, NotFound
 from exceptiondrive_records.db.last import WRITES, take_last
-
-__all__ = ["Database", "database_now", "flush_or_refuse"]
 
 Row = TypeVar("Row", bound=Base)
 BUSY_TIMEOUT_MS = 15_000

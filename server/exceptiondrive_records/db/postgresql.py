@@ -7,6 +7,7 @@ import select
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from typing import Any
 
 import psycopg
@@ -48,8 +49,8 @@ def postgresql_engine(url: str) -> Engine:
 
     event.listen(engine, "checkin", note_when)
     event.listen(engine, "checkout", ask_if_in_doubt)
-    event.listen(engine, "do_execute", _begin_with_it)
-    event.listen(engine, "do_executemany", _begin_with_them)
+    event.listen(engine, "do_execute", partial(_begin_with, "execute"))
+    event.listen(engine, "do_executemany", partial(_begin_with, "executemany"))
     return engine
 
 
@@ -61,22 +62,13 @@ def _is_trusted(connection: "psycopg.Connection[Any]", given_back_s: float) -> b
     return not heard.poll(0)
 
 
-def _begin_with_it(cursor: Any, statement: Any, parameters: Any, context: Any) -> bool:
-    if _must_begin(cursor, context):
-        with cursor.connection.pipeline():
-            cursor.connection.execute(BEGIN)
-            cursor.execute(statement, parameters)
-        return True
-    return False
-
-
-def _begin_with_them(cursor: Any, statement: Any, parameters: Any, context: Any) -> bool:
-    if _must_begin(cursor, context):
-        with cursor.connection.pipeline():
-            cursor.connection.execute(BEGIN)
-            cursor.executemany(statement, parameters)
-        return True
-    return False
+def _begin_with(how: str, cursor: Any, statement: Any, parameters: Any, context: Any) -> bool:
+    if not _must_begin(cursor, context):
+        return False
+    with cursor.connection.pipeline():
+        cursor.connection.execute(BEGIN)
+        getattr(cursor, how)(statement, parameters)
+    return True
 
 
 def _must_begin(cursor: Any, context: Any) -> bool:

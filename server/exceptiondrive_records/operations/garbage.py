@@ -123,9 +123,7 @@ def remove_orphan(
         return True
 
 
-def run_sweeper(
-    database: Database, files: FileStore, stop: threading.Event, every_s: float = SWEEP_EVERY_S
-) -> None:
+def run_sweeper(database: Database, files: FileStore, stop: threading.Event) -> None:
     """Sweep what crashes leave every few hours until `stop` is set; of all reconcilers one at a time."""
     from structlog import get_logger  # an operator's command has no log
 
@@ -133,7 +131,7 @@ def run_sweeper(
     while not stop.is_set():
         try:
             with database.write() as session:
-                is_due = take_lead(session, "sweep", random_id(), every_s)
+                is_due = take_lead(session, "sweep", random_id(), SWEEP_EVERY_S)
             if is_due:
                 swept = sweep_orphans(database, files, actor="reconciler", at_most=_BY_ITSELF)
                 log.info(_SWEPT, **vars(swept))
@@ -141,4 +139,4 @@ def run_sweeper(
             log.warning(_LEFT, n_files=found.n_files)
         except (SQLAlchemyError, StoreError) as error:
             log.warning("orphaned files not swept", error=type(error).__name__)
-        stop.wait(min(every_s, _LOOK_EVERY_S))
+        stop.wait(_LOOK_EVERY_S)

@@ -38,7 +38,7 @@ from exceptiondrive_records.splits.drawings import drawings_of_withheld_splits
 from exceptiondrive_records.splits.pictures import pictures_of_withheld_splits
 from exceptiondrive_records.submissions.file_store import FileDamaged, FileStore
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
-from exceptiondrive_records.work.tables import OPEN_STATES, BoardRequest, Job, Profile, WorkState
+from exceptiondrive_records.work.tables import Job, WorkState
 from exceptiondrive_schemas.api.submission import SubmissionStatus as Status
 from exceptiondrive_schemas.base import bytes_digest, content_digest
 from exceptiondrive_schemas.board import Board, BoardEntry
@@ -266,25 +266,6 @@ def _submissions_and_jobs(session: Session) -> Iterator[Violation]:
     )
     for rule in (_first_jobs, _leases, _sheets_of_jobs, _endings):
         yield from rule(held)
-
-
-def unfinished(session: Session) -> list[Violation]:
-    """Return what is still to be done: nothing, some time after the last fault."""
-    open_jobs = select(Job).where(Job.state.in_(OPEN_STATES))
-    found = [
-        Violation("unfinished", job.submission_id, f"its job is {job.state} still")
-        for job in session.scalars(open_jobs)
-    ]
-    found += [
-        Violation("unfinished", item.submission_id, "what its file looks like is not told")
-        for item in session.scalars(select(Profile).where(Profile.state.in_(OPEN_STATES)))
-    ]
-    wanted = select(BoardRequest).where(BoardRequest.state.in_(OPEN_STATES))
-    found += [
-        Violation("unfinished", row.phase_id, "a newer board is wanted than was built")
-        for row in session.scalars(wanted)
-    ]
-    return found
 
 
 def damaged_uploads(session: Session, files: FileStore, *, limit_bytes: int) -> list[Violation]:

@@ -5,6 +5,7 @@ from itertools import product
 from sqlalchemy import ColumnElement, delete, exists, select, update
 from sqlalchemy.orm import Session, aliased
 
+from exceptiondrive_records.accounts.people import hold_team
 from exceptiondrive_records.accounts.tables import Invitation, Membership, Token
 from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.boards.standings import stood_at_deadline
@@ -24,7 +25,7 @@ from exceptiondrive_records.participation.disqualification import want_boards_of
 from exceptiondrive_records.participation.tables import Disqualification
 from exceptiondrive_records.phases.policy import can_publish, has_closed, is_late, is_published
 from exceptiondrive_records.phases.tables import Phase
-from exceptiondrive_records.submissions.submissions import lock_jobs, lock_team
+from exceptiondrive_records.submissions.submissions import lock_jobs
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.teams.teams import find_team, require_free_name
@@ -128,7 +129,7 @@ def merge_teams(
     if len(ids) == 1:
         raise Conflict("A team cannot be merged into itself.")
     for team_id in ids:
-        lock_team(session, team_id)
+        hold_team(session, team_id)
     team, target = find_team(session, slug), find_team(session, into)
     _require_mergeable(session, team, target)
     phases = list(

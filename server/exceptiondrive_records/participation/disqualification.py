@@ -10,6 +10,7 @@ from typing import Any, Literal
 from sqlalchemy import exists, select
 from sqlalchemy.orm import Session
 
+from exceptiondrive_records.accounts.people import hold_team
 from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.boards.renewal import renew_boards
 from exceptiondrive_records.db.clock import database_now
@@ -20,7 +21,7 @@ from exceptiondrive_records.notifications.inbox import tell_team
 from exceptiondrive_records.participation.tables import Disqualification
 from exceptiondrive_records.phases.phases import find_phase, require_known_to
 from exceptiondrive_records.phases.tables import Phase
-from exceptiondrive_records.submissions.submissions import find_submission, lock_team
+from exceptiondrive_records.submissions.submissions import find_submission
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.teams.teams import find_team
@@ -169,7 +170,7 @@ def _named(session: Session, team: Team, row: Disqualification) -> tuple[str, st
 
 def _locked_team_of(session: Session, row: Submission | Disqualification) -> Team:
     """Lock the team of a row, then the row, and return the team: no other may have got it meanwhile."""
-    team = lock_team(session, row.team_id)
+    team = hold_team(session, row.team_id)
     session.refresh(row, with_for_update={"key_share": True})
     if row.team_id != team.id:
         raise Conflict(

@@ -5,8 +5,6 @@ are read (`boards.parsed_board`); the digest of what the board says is the one i
 with what an applied run compared.
 """
 
-import secrets
-
 from sqlalchemy import case, delete, exists, func, select, update
 from sqlalchemy.orm import Session
 
@@ -23,7 +21,7 @@ from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.boards.tables import BoardEntryRow
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import Conflict
-from exceptiondrive_records.db.identifiers import checked_reason, skeleton
+from exceptiondrive_records.db.identifiers import checked_reason, random_id, skeleton
 from exceptiondrive_records.news.tables import Question
 from exceptiondrive_records.notifications.tables import ContactPoint, Delivery, Notification
 from exceptiondrive_records.participation.disqualification import want_boards_of_team
@@ -33,8 +31,6 @@ from exceptiondrive_records.teams.teams import find_team
 from exceptiondrive_records.work.lease import cancel
 from exceptiondrive_schemas.api.notifications import NotificationView
 from exceptiondrive_schemas.base import canonical_json
-
-_LETTERS = "23456789abcdefghjkmnpqrstuvwxyz"
 
 
 def forget_team(session: Session, slug: str, *, reason: str, actor: str) -> Team:
@@ -105,7 +101,7 @@ def _forget_person(session: Session, person: Person) -> None:
 
 
 def _forget_words(session: Session, team: Team) -> None:
-    letters = "".join(secrets.choice(_LETTERS) for _ in range(6))
+    letters = random_id(6)
     team.name, team.slug = f"Former team {letters.upper()}", f"former-{letters}"
     team.name_skeleton = skeleton(team.name)
     team.affiliation, team.registration_note, team.registered_from = "", None, None

@@ -199,7 +199,9 @@ def resume_run(session: Session, run_id: str, *, reason: str, actor: str) -> Res
     run = move_run(session, run_id, RunAction.RESUME, reason, actor)
     run.resumed_at = run.state_at
     release_jobs(session, run)
-    retry_failed(session, run, shadow_key(run))
+    key = shadow_key(run)
+    failed = failed_sheets(run.phase_id, key).with_only_columns(Submission.id)
+    queue_again(session, Job.submission_id.in_(failed), is_of_key(Job, key))
     return run
 
 
@@ -246,7 +248,7 @@ def move_run(
     run.state_at = database_now(session)
     if run.state.is_final:
         run.ended_at = run.state_at
-        run.ended_with = progress_of(session, run, shadow_key(run))
+        run.ended_with = progress_of(session, run)
     detail: dict[str, Any] = {"phase": run.phase_id, "reason": reason, "was": was.value}
     if no_longer_ranked:
         detail["no_longer_ranked"] = dict(no_longer_ranked)
@@ -276,12 +278,6 @@ def require_action(session: Session, run: RescoringRun, action: RunAction) -> Ru
     raise Conflict(
         f"The run is {_words(run.state)}{again}; it can be {done} only while it is {before}."
     )
-
-
-def retry_failed(session: Session, run: RescoringRun, key: ScoringKey) -> None:
-    """Queue the jobs of failed sheets again, with all their attempts."""
-    failed = failed_sheets(run.phase_id, key).with_only_columns(Submission.id)
-    queue_again(session, Job.submission_id.in_(failed), is_of_key(Job, key))
 
 
 def _words(state: RunState) -> str:

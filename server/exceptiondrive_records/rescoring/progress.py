@@ -16,7 +16,7 @@ from exceptiondrive_records.boards.boards import (
 from exceptiondrive_records.boards.standings import entry_ids_for_board
 from exceptiondrive_records.boards.tables import BoardRow
 from exceptiondrive_records.db.clock import database_now
-from exceptiondrive_records.phases.scoring_keys import ScoringKey, is_of_key
+from exceptiondrive_records.phases.scoring_keys import ScoringKey, is_of_key, shadow_key
 from exceptiondrive_records.rescoring.tables import RescoringRun
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.work.board_requests import board_begun_at, is_board_wanted, want_board
@@ -100,13 +100,14 @@ def count_jobs(
     return session.scalar(found.with_only_columns(func.count())) or 0
 
 
-def progress_of(session: Session, run: RescoringRun, key: ScoringKey) -> Progress:
+def progress_of(session: Session, run: RescoringRun) -> Progress:
     """Return done, total and failed, and while scoring the measured rate and remaining time.
 
     No time is told once every sheet is begun: the last may wait for the lease of a worker that is lost.
     """
     if run.ended_with is not None:
         return run.ended_with
+    key = shadow_key(run)
     counts = count_sheets(session, run.phase_id, key)
     rate = _rate(session, run, key) if run.state is RunState.SCORING else None
     waiting = counts.missing - counts.failed

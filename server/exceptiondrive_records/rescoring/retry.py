@@ -3,6 +3,7 @@
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from exceptiondrive_records.accounts.people import hold_team
 from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.boards.standings import stood_at_deadline
 from exceptiondrive_records.db.clock import database_now
@@ -17,7 +18,6 @@ from exceptiondrive_records.rescoring.fan_out import score_left_out
 from exceptiondrive_records.submissions.submissions import (
     find_submission,
     lock_jobs,
-    lock_team,
     same_bytes,
     scored_under,
 )
@@ -43,7 +43,7 @@ def retry_submission(
         Conflict: It has not failed, the team has submitted the same bytes again since, or it has used
             its quota without this one, which cost nothing and will.
     """
-    lock_team(session, find_submission(session, submission_id).team_id)
+    hold_team(session, find_submission(session, submission_id).team_id)
     lock_jobs(session, Job.submission_id == submission_id)
     submission = find_submission(session, submission_id, lock=True)
     if submission.status is not SubmissionStatus.FAILED:
@@ -79,7 +79,7 @@ def restore_submission(
             submitted the same bytes again since, or it was withdrawn before the deadline, and scores
             that were kept back were revealed since.
     """
-    lock_team(session, find_submission(session, submission_id).team_id)
+    hold_team(session, find_submission(session, submission_id).team_id)
     lock_jobs(session, Job.submission_id == submission_id)
     submission = find_submission(session, submission_id, lock=True)
     if submission.status is not SubmissionStatus.WITHDRAWN:

@@ -54,7 +54,7 @@ def run_view(session: Session, run: RescoringRun) -> RunView:
     """Return a run as organizers see it."""
     phase = session.get_one(Phase, run.phase_id)
     compared = comparison_of(session, run) if run.state in _PREVIEWED else None
-    progress = progress_of(session, run, shadow_key(run))
+    progress = progress_of(session, run)
     actions = actions_of(run.state, has_failed=progress.failed > 0, kind=run.kind)
     trial = trial_of(session, run.id)
     is_refused = trial is not None and trial.state == "refused"

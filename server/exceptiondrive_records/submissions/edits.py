@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
+from exceptiondrive_records.accounts.people import hold_team
 from exceptiondrive_records.accounts.tokens import names_of_actors
 from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.boards.renewal import renew_boards
@@ -22,7 +23,6 @@ from exceptiondrive_records.submissions.submissions import (
     checked_description,
     checked_facts,
     find_submission,
-    lock_team,
 )
 from exceptiondrive_records.submissions.tables import Submission, SubmissionEdit
 from exceptiondrive_schemas.method_facts import (
@@ -53,7 +53,7 @@ def edit_submission(
             edited enough today.
     """
     submission = find_submission(session, submission_id)
-    lock_team(session, submission.team_id)
+    hold_team(session, submission.team_id)
     session.refresh(submission, with_for_update=True)
     phase = session.get_one(Phase, submission.phase_id)
     now = database_now(session)

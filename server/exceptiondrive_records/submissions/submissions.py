@@ -7,6 +7,7 @@ from datetime import datetime, timedelta
 from sqlalchemy import ColumnElement, and_, bindparam, func, select, tuple_
 from sqlalchemy.orm import Session
 
+from exceptiondrive_records.accounts.people import hold_team
 from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.boards.standings import whole_sheets
 from exceptiondrive_records.db.clock import database_now
@@ -158,12 +159,6 @@ _SAME_BYTES = select(Submission).where(
     Submission.file_digest == bindparam("file"),
     ~is_one_of(Submission.status, _SAME_BYTES_AGAIN),
 )
-_LOCKED_TEAM = (
-    select(Team)
-    .where(Team.id == bindparam("team"))
-    .with_for_update(key_share=True)
-    .execution_options(populate_existing=True)
-)
 _LAST_FACTS = (
     select(Submission.facts)
     .where(_OF_TEAM, Submission.method == bindparam("method"))
@@ -230,17 +225,17 @@ def accept(
             and would be ranked; else it is rejected with what is to be confirmed.
 
     Raises:
-        NotFound: No such phase or team, or the team has no submission to link to.
+        NotFound: No such phase, or the team has no submission to link to.
         InvalidRecord: A text or link cannot be used.
-        Conflict: The counterpart has no score, the same bytes are there with other words, or the
-            key names another upload.
+        Conflict: The counterpart has no score, the same bytes are there with other words, the
+            key names another upload, or the team was refused.
         NotAllowed: The team waits for approval, is disqualified, or has not accepted the terms.
         PhaseClosed: The phase takes no submissions now.
         QuotaExceeded: The quota of the day, or the total one, is used up.
         RejectedCapExceeded: Too many files were rejected, or failed, today.
         ConcurrentQuotaExceeded: Too many submissions of the team still wait.
     """
-    team = lock_team(session, team_id)
+    team = hold_team(session, team_id)
     phase, shadow = phase_and_shadow(session, phase_id)
     told = {
         "method": checked_name("method name", method),
@@ -317,7 +312,7 @@ def confirm(session: Session, submission_id: str, *, actor: str) -> Submission:
         RecordsError: It is refused as by `accept`.
     """
     asked = find_submission(session, submission_id)
-    lock_team(session, asked.team_id)
+    hold_team(session, asked.team_id)
     session.refresh(asked)
     if asked.confirmed_as is not None:
         return find_submission(session, asked.confirmed_as)
@@ -507,17 +502,6 @@ def keeps_its_file(session: Session) -> ColumnElement[bool]:
     """
     until = Submission.confirm_until
     return until.is_(None) | (until > database_now(session) - LONGEST_CONFIRMATION)
-
-
-def lock_team(session: Session, team_id: int) -> Team:
-    """Lock the row of the team, so that its quota is counted by one transaction at a time.
-
-    Rows that refer to the team may be written meanwhile: a notice waits for nobody here.
-    """
-    team = session.scalars(_LOCKED_TEAM, {"team": team_id}).first()
-    if team is None:
-        raise NotFound("team", str(team_id))
-    return team
 
 
 def _same_upload(

@@ -87,7 +87,7 @@ def names_that_look_alike(session: Session) -> list[tuple[str, ...]]:
 
 
 def find_team(session: Session, slug: str, *, lock: bool = False) -> Team:
-    """Return the team with this slug; locked, as by `lock_team`.
+    """Return the team with this slug; locked, as by `hold_team`.
 
     Raises:
         NotFound: There is none.

@@ -25,7 +25,7 @@ from exceptiondrive_records.accounts.tokens import (
     rotate_team_token,
     team_tokens,
 )
-from exceptiondrive_records.db.database import database_now
+from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import InvalidRecord
 from exceptiondrive_server.accounts.queries import team_token_views
 from exceptiondrive_server.web.auth import team_of

@@ -9,6 +9,7 @@ from datetime import datetime
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from exceptiondrive_records.accounts.people import hold_team
 from exceptiondrive_records.accounts.sessions import require_unrevoked
 from exceptiondrive_records.accounts.tokens import Principal, Scope
 from exceptiondrive_records.boards.standings import replacements
@@ -18,7 +19,7 @@ from exceptiondrive_records.notifications.inbox import tell_about
 from exceptiondrive_records.phases.policy import is_published
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.edits import edits_of
-from exceptiondrive_records.submissions.submissions import confirm, find_submission, lock_team
+from exceptiondrive_records.submissions.submissions import confirm, find_submission
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.submissions.views import view, views
 from exceptiondrive_schemas.api.own_entries import entry_words
@@ -89,7 +90,7 @@ def decide(
 
 def _standing(session: Session, submission: Submission) -> dict[str, SubmissionView]:
     """Return the entries of its team that stand in its phase, by their ids; who publishes another waits."""
-    lock_team(session, submission.team_id)
+    hold_team(session, submission.team_id)
     phase = session.get_one(Phase, submission.phase_id)
     query = select(Submission).where(
         Submission.team_id == submission.team_id,

@@ -52,7 +52,7 @@ from exceptiondrive_schemas.score_sheet import (
 )
 from exceptiondrive_schemas.split import Manifest
 from exceptiondrive_scoring.arrays import split_arrays
-from exceptiondrive_scoring.challenge import SCORING
+from exceptiondrive_scoring.challenge import scoring_of
 from exceptiondrive_server.boards import api as boards
 from exceptiondrive_server.boards import pages as board_pages
 from exceptiondrive_server.routes import PAGES
@@ -274,7 +274,7 @@ def real_drawings(planner: int = 1) -> EntryDrawings:
         for side in ("source", "edited")
     }
     split = split_arrays(sample_split().samples, PROTOCOL.taxonomy)
-    scoring = SCORING[PLANNING.id]
+    scoring = scoring_of(PLANNING.id)
     measured = scoring.measure(columns, split, PROTOCOL.geometry)
     drawings = scoring.drawings(columns, measured, ids, split, PROTOCOL)
     assert drawings is not None

@@ -182,7 +182,7 @@ def reopen(
             raise BuildError(
                 f"No region that was read in the workshop ({len(wrong):,}): {', '.join(wrong[:10])}."
             )
-        shop.append(
+        shop.records.append(
             *(
                 Record(
                     kind=Kind.VERIFY,
@@ -218,7 +218,7 @@ def withdraw(
         if wrong:
             what = "Not withdrawn" if restore else "Not in the workshop, or withdrawn already"
             raise BuildError(f"{what} ({len(wrong):,}): {', '.join(wrong[:10])}.")
-        shop.append(
+        shop.records.append(
             *(
                 Record(
                     kind=Kind.WITHDRAW,

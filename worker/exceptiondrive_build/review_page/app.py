@@ -94,7 +94,7 @@ def review_app(folder: Path, announce: Callable[[str], None], *, lease_s: float 
         with Workshop(folder) as workshop:
             app.state.desk = Desk(workshop, lease_s)
             yield
-            app.state.desk.close()
+            app.state.desk.leases.close()
 
     app = FastAPI(lifespan=life, openapi_url=None, docs_url=None, redoc_url=None)
     app.state.doors = Doors(announce)

@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from exceptiondrive_build.agreement import readings
 from exceptiondrive_build.candidates import Candidate
 from exceptiondrive_build.review_page.desk import Desk, Queue
 from exceptiondrive_build.review_page.region import start_footprint_m, tube_m
@@ -45,7 +46,8 @@ def card(desk: Desk, queue: Queue, sample_id: str) -> dict[str, Any]:
         "score": candidate.localized.score if candidate.localized else None,
         "others": [
             word.model_dump(mode="json", include={"accepted", "corners", "note", "checked"})
-            for word in (desk.others(sample_id) if is_third else [])
+            for _, word in (readings(desk.standing("verify", sample_id)) if is_third else [])
+            if word.blind
         ],
     }
 

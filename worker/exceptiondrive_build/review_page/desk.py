@@ -7,11 +7,11 @@ region; two people blind to each other, and a third one who sees both where they
 import math
 import time
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-from exceptiondrive_build.agreement import outcome, readings, readings_left
+from exceptiondrive_build.agreement import outcome, readings_left
 from exceptiondrive_build.candidates import Candidate, walk
 from exceptiondrive_build.errors import BuildError
 from exceptiondrive_build.inspection import to_inspect
@@ -55,19 +55,14 @@ class Progress:
 class Desk:
     """All cards of one workshop; cheap to ask after each decision."""
 
-    def __init__(
-        self,
-        workshop: Workshop,
-        lease_s: float,
-        clock: Callable[[], float] = time.time,
-    ) -> None:
+    def __init__(self, workshop: Workshop, lease_s: float) -> None:
         """Read the records once.
 
         Raises:
             BuildError: They cannot be read.
         """
         self.workshop = workshop
-        self.leases = Leases(workshop.folder / RECORDS, lease_s, clock)
+        self.leases = Leases(workshop.folder / RECORDS, lease_s)
         self._shown: dict[tuple[str, Queue, str], tuple[str, ...]] = {}
         self._skipped: dict[str, list[tuple[Queue, str]]] = defaultdict(list)
         self._of_people: dict[tuple[Kind, str], list[Record]] = defaultdict(list)
@@ -77,10 +72,6 @@ class Desk:
         self.candidates: dict[str, Candidate] = {}
         self.why: dict[str, str] = {}
         self.refresh()
-
-    def close(self) -> None:
-        """Close the table of leases."""
-        self.leases.close()
 
     def refresh(self, walk_after_s: float = WALK_EVERY_S) -> None:
         """Take in what others have appended and settings that changed; stages may run meanwhile.
@@ -142,11 +133,10 @@ class Desk:
 
     def may_decide(self, queue: Queue, sample_id: str, reviewer: str) -> bool:
         """Whether a card needs somebody, and this person has not spoken on it yet."""
-        return (
-            self.seats(queue, sample_id) > 0
-            and not self.own(queue, sample_id, reviewer)
-            and (self.is_third(sample_id) or not self._knows_others(sample_id, reviewer))
-        )
+        if self.seats(queue, sample_id) == 0 or self.own(queue, sample_id, reviewer):
+            return False
+        is_blind = queue == "verify" and not self.is_third(sample_id)
+        return not (is_blind and self._knows_others(sample_id, reviewer))
 
     def _knows_others(self, sample_id: str, reviewer: str) -> bool:
         """Whether a person was shown what others said of a region, and so reads it blind no more."""
@@ -245,7 +235,7 @@ class Desk:
             queue, sample_id, holder
         ):
             raise TakenError
-        self.workshop.append(
+        self.workshop.records.append(
             Record(
                 kind=KINDS[queue],
                 candidate=sample_id,
@@ -273,7 +263,7 @@ class Desk:
         if not mine:
             return None
         own, card = max(mine, key=lambda found: found[0].id or 0)
-        self.workshop.append(
+        self.workshop.records.append(
             own.model_copy(
                 update={"value": None, "supersedes": own.id, "at": now_text(), "id": None}
             )
@@ -297,10 +287,6 @@ class Desk:
             for_others=len(waiting) - for_me,
             third=sum(self.is_third(card) for card in waiting) if queue == "verify" else 0,
         )
-
-    def others(self, sample_id: str) -> list[Verified]:
-        """What the two blind readers said, for a third one."""
-        return [word for _, word in readings(self.standing("verify", sample_id)) if word.blind]
 
     def _show(self, queue: Queue, holder: Holder, cards: Iterable[str]) -> None:
         """Remember which pictures a browser gets to see: a decision is about these alone."""

@@ -4,10 +4,10 @@ A browser renews its leases while it is open. One that dies stops; when the time
 go to whoever asks next.
 """
 
-import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from time import time
 from typing import NamedTuple
 
 from exceptiondrive_build.database import Database
@@ -34,15 +34,16 @@ class Holder(NamedTuple):
 class Leases(Database):
     """The table."""
 
-    def __init__(self, path: Path, lease_s: float, clock: Callable[[], float] = time.time) -> None:
+    tables = _TABLE
+
+    def __init__(self, path: Path, lease_s: float) -> None:
         """Open it in the records' file; a card is held for `lease_s` without a sign of its browser.
 
         Raises:
             BuildError: The file cannot be written.
         """
-        super().__init__(path, _TABLE)
+        super().__init__(path)
         self.lease_s = lease_s
-        self._clock = clock
 
     def claim(
         self,
@@ -61,7 +62,7 @@ class Leases(Database):
         Raises:
             BuildError: The file cannot be written.
         """
-        now = self._clock()
+        now = time()
         taken: list[str] = []
         with self._transaction() as write:
             write.execute("DELETE FROM leases WHERE until <= ?", (now,))
@@ -82,7 +83,7 @@ class Leases(Database):
 
     def renew(self, holder: Holder) -> None:
         """Hold all cards of a browser for longer; what is over stays over."""
-        now = self._clock()
+        now = time()
         with self._transaction() as write:
             write.execute(
                 "UPDATE leases SET until = ? WHERE browser = ? AND until > ?",
@@ -95,7 +96,7 @@ class Leases(Database):
             found = self._connection.execute(
                 "SELECT 1 FROM leases WHERE queue = ? AND candidate = ? AND browser = ? "
                 "AND until > ?",
-                (queue, candidate, holder.browser, self._clock()),
+                (queue, candidate, holder.browser, time()),
             ).fetchone()
         return found is not None
 
