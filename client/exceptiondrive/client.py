@@ -434,7 +434,7 @@ class Client(Connection):
         )
         if shows_one or phase.policy.run_choice == "team":
             rule += " To say otherwise: exceptiondrive choose."
-        is_late = not phase.is_open and phase.takes_late_entries
+        is_late = phase.takes_late_entries
         if is_late:
             rule = "What comes after the deadline takes no place on the board, and nothing is chosen any more."
         is_closed = not (phase.is_open or is_late)

@@ -54,8 +54,11 @@ def shown_text(
 
 
 def printable(text: str) -> str:
-    """Return `text` in which each unsafe character became a replacement sign; lines are kept."""
-    return _UNSAFE.sub(REPLACEMENT, text)
+    """Return `text` in which each unsafe character became a replacement sign.
+
+    Lines are kept, and end with one character; browsers send two, and a refused form shows them.
+    """
+    return _UNSAFE.sub(REPLACEMENT, text.replace("\r\n", "\n"))
 
 
 def one_line(text: str) -> str:

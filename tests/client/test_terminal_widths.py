@@ -225,6 +225,13 @@ def test_a_phase_that_is_ahead_is_told_by_its_opening(
     assert told.startswith(words) if words.endswith((" ", "2")) else told == words
 
 
+def test_a_phase_is_open_to_a_team_until_its_own_deadline() -> None:
+    closed, own = NOW - timedelta(days=1), NOW + timedelta(days=2)
+    for is_open, words in ((True, f"until {own:%Y-%m-%d}"), (False, f"closed {closed:%Y-%m-%d}")):
+        view = phase("dev", closes_at=closed, quota=quota(closes_at=own), is_open=is_open)
+        assert phases_table((view,), NOW).rows[0][0][-2].plain.startswith(words)
+
+
 def test_whether_a_phase_is_ahead_follows_the_clock_of_the_server() -> None:
     now = datetime.now(UTC)
     dates = {"opens_at": now - timedelta(days=1), "closes_at": now + timedelta(days=1)}

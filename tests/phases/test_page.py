@@ -72,6 +72,31 @@ def test_what_comes_to_a_closed_phase_appears_on_its_late_view(life: "Life") -> 
     assert "Test closed: it stands on the late view alone 19 19 of 20 100 of 100" in own
 
 
+@pytest.mark.parametrize("late_entries", ["refused", "own_view"])
+def test_a_closed_phase_is_open_to_a_team_until_its_own_deadline(
+    life: "Life", late_entries: str
+) -> None:
+    policy = {"late_entries": late_entries}
+    life.make_phase(split="plain", closes_at=life.ahead(60), policy=policy)
+    life.submit("alpha", 1.0, "Net", "plain")
+    life.work()
+    own = {"closes_at": FAR_AWAY, "reason": "ill"}
+    life.done("/teams/alpha/allowances/test", own, "PATCH")
+    life.move(closes_at=life.now())
+    alpha = visitor(life, "alpha")
+    form, mine = (text_of(alpha.get(page).text) for page in ("/submit?phase=test", "/my"))
+    until = "open until your team's own deadline, 1 Jan 2126, 09:30 UTC"
+    assert form.count(until) == 1
+    assert mine.count(f"Test {until}") == 1
+    assert "Test Planning Open until 1 Jan 2126, 09:30 UTC" in form
+    for words in ("has closed", "takes no submissions now", "late view"):
+        assert words not in form + mine, words
+    theirs = text_of(visitor(life, "beta").get("/submit?phase=test").text)
+    assert "own deadline" not in theirs
+    shut = {"refused": "Test takes no submissions now", "own_view": "on its late view alone"}
+    assert shut[late_entries] in theirs
+
+
 @pytest.mark.parametrize("name", ["data_url", "data_manifest_url"])
 @pytest.mark.parametrize("url", ["http://x.org/", "javascript:alert(1)", "https://a@x.org/", "x"])
 def test_a_data_link_is_an_https_address(life: "Life", name: str, url: str) -> None:

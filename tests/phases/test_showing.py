@@ -128,6 +128,24 @@ def test_teams_are_told_of_a_changed_deadline(life: "Life") -> None:
     assert len(life.json("/api/v1/notifications", "alpha")) == 3
 
 
+def test_a_team_with_a_later_deadline_is_told_with_a_changed_one_that_its_own_stays(
+    life: "Life",
+) -> None:
+    life.make_phase(split="plain", closes_at=life.ahead(60))
+    for who in ("alpha", "beta"):
+        life.submit(who, 1.0, "Planner", "plain")
+    own = "2126-01-01T09:30:00Z"
+    life.done("/teams/alpha/allowances/test", {"closes_at": own, "reason": "ill"}, "PATCH")
+    for deadline in (life.ahead(30), "2127-01-01T09:30:00Z"):
+        life.change({"closes_at": deadline})
+    stays = "Your team's own deadline is still 2126-01-01 09:30 UTC."
+    after, before = life.json("/api/v1/notifications", "alpha")[:2]
+    assert before["what_changed"][1:] == [stays]
+    assert after["what_changed"][1:] == [], "that of all is later than its own"
+    for notice in life.json("/api/v1/notifications", "beta"):
+        assert len(notice["what_changed"]) == 1
+
+
 def test_the_best_of_a_method_is_not_said_of_scores_that_are_kept_back(life: "Life") -> None:
     """Which of two files is better is a bit of the hidden score, each time the team asks."""
     plain(life, showing={"frozen_scores": "hidden", "run_choice": "team"})

@@ -217,7 +217,7 @@ def test_of_two_organizers_at_once_one_disqualifies(world: World) -> None:
 
 
 def test_a_later_deadline_holds_for_one_team_and_for_what_came_before_it(world: World) -> None:
-    in_time = world.scored("one", "Planner")
+    world.scored("one", "Planner")
     world.close()
     beta = another(world)
     with pytest.raises(PhaseClosed):
@@ -241,13 +241,18 @@ def test_a_later_deadline_holds_for_one_team_and_for_what_came_before_it(world: 
         assert not view(session, find_submission(session, later)).is_late
     with pytest.raises(PhaseClosed):
         world.submit("of others", team_id=beta)
-    with world.database.write() as session:
-        set_allowance(session, "alpha", "dev", closes_at=None, **WHY)
-    assert list(world.standing()) == [in_time], "taken back, the upload is late again"
     with world.database.read() as session:
         phase = session.get_one(Phase, "dev")
         assert phase.closes_at is not None
+        came = find_submission(session, later).received_at
         earlier = phase.closes_at - timedelta(days=1)
+    for until_then in (None, came):
+        with pytest.raises(Conflict, match="become late"), world.database.write() as session:
+            set_allowance(session, "alpha", "dev", closes_at=until_then, **WHY)
+    with world.database.write() as session:
+        closes_at = came + timedelta(seconds=1)
+        set_allowance(session, "alpha", "dev", closes_at=closes_at, **WHY)
+    assert list(world.standing()) == [later], "what came in time stays in time"
     with pytest.raises(InvalidRecord, match="after that"), world.database.write() as session:
         set_allowance(session, "alpha", "dev", closes_at=earlier, **WHY)
 
@@ -306,13 +311,13 @@ def test_another_limit_leaves_the_deadline_of_a_team_and_its_entry_alone(world: 
         set_allowance(session, "alpha", "dev", quota_per_day=12, **WHY)
     assert list(world.standing()) == [mine]
     with world.database.write() as session:
-        set_allowance(session, "alpha", "dev", closes_at=None, **WHY)
-    assert list(world.standing()) == []
+        set_allowance(session, "alpha", "dev", quota_per_day=None, **WHY)
+    assert list(world.standing()) == [mine]
     with world.database.read() as session:
         ended, more = list_notifications(session, world.team_id)[:2]
-    days = "Your submissions a day are 12."
-    assert more.what_changed[1:] == (f"Your deadline is {until:%Y-%m-%d %H:%M} UTC.", days)
-    assert ended.what_changed[1:] == (days, "Your deadline is as for all teams again.")
+    own, days = f"Your deadline is {until:%Y-%m-%d %H:%M} UTC.", "Your submissions a day are"
+    assert more.what_changed[1:] == (own, f"{days} 12.")
+    assert ended.what_changed[1:] == (own, f"{days} as for all teams again.")
 
 
 def test_a_deadline_that_is_moved_by_seconds_holds_for_what_came_before_it(world: World) -> None:

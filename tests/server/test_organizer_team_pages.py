@@ -235,6 +235,18 @@ def test_what_one_leaves_alone_is_not_taken_back_from_another(
     assert {name: after[name].replace("\n", "\r\n") for name in changed} == changed
 
 
+def test_a_refused_form_keeps_the_lines_of_a_text(one: "TeamBrowser") -> None:
+    page = f"{PHASES}/dev"
+    form = {**settings(one, page), "rules": RULES}
+    refused = one.send(page, {**form, "quota_per_day": "many"})
+    assert refused.status_code == 400
+    shown = re.search(r'<textarea\s+name="rules"[^>]*>(.*?)</textarea>', refused.text, re.DOTALL)
+    assert shown is not None
+    assert shown[1] == "Be kind.\nBe fast."
+    assert one.send(page, {**form, "rules": shown[1].replace("\n", "\r\n")}).status_code == 303
+    assert settings(one, page)["rules"] == "Be kind.\nBe fast."
+
+
 @pytest.mark.parametrize(
     ("page", "name", "values"),
     [

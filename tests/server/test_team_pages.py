@@ -426,6 +426,21 @@ def test_what_was_not_confirmed_in_time_says_that_its_file_is_deleted(
     assert (refused.status_code, "Send the file again" in refused.json()["detail"]) == (409, True)
 
 
+def test_what_an_archived_phase_asked_first_is_not_offered_for_confirmation(
+    api: "Api", alpha: "TeamBrowser"
+) -> None:
+    address = alpha.submit("a", asks_first="true").headers["location"]
+    report = REPORT.model_copy(update={"faults": (), "to_confirm": ("It replaces another.",)})
+    api.reject(address.rpartition("/")[2], report)
+    assert api.request("PATCH", "/organizer/phases/dev", "organizer",
+                       json={"visibility": "archived"}).status_code == 200  # fmt: skip
+    page = alpha.get(address).text
+    for words in ("Confirm it", "Submit a file</a>"):
+        assert words not in page + alpha.get("/my").text.split("Table of submissions")[1]
+    assert "Send it again while the phase takes files." in page
+    assert api.post(f"{address}/confirm", "alpha").json()["code"] == "phase_closed"
+
+
 def test_a_scored_submission_shows_its_sheet_then_its_rank(
     api: "Api", alpha: "TeamBrowser", make_entry: Callable[..., Any]
 ) -> None:
@@ -475,7 +490,7 @@ def test_the_pages_run_nothing_that_stands_in_them(api: "Api", alpha: "TeamBrows
 def test_a_refused_form_keeps_what_was_typed_and_says_why(alpha: "TeamBrowser") -> None:
     typed = {
         "method": 'A "quoted" <b>planner</b>',
-        "description": "Drives\nwell.",
+        "description": "Drives\r\nwell.",
         "paper_url": "http://plain.example/p",
     }
     fields = {**alpha.form("/submit"), "phase": "dev", **typed}
@@ -485,7 +500,7 @@ def test_a_refused_form_keeps_what_was_typed_and_says_why(alpha: "TeamBrowser") 
     text = answer.text
     assert 'class="refused" role="alert"' in text
     assert 'value="A &#34;quoted&#34; &lt;b&gt;planner&lt;/b&gt;"' in text
-    assert ">Drives\nwell.</textarea>" in text.replace("\r\n", "\n")
+    assert ">Drives\nwell.</textarea>" in text
     assert 'value="http://plain.example/p"' in text
     assert answer.headers["cache-control"] == "no-store"
     as_problem = alpha.send("/submit", fields, accept="application/problem+json", files=files)

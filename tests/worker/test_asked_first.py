@@ -258,10 +258,27 @@ def test_a_confirmation_is_judged_by_the_first_byte_of_its_file(
         session.get_one(Submission, asked_id).arrived_at = now - timedelta(minutes=minutes_ago)
         session.get_one(Phase, "dev").opens_at = datetime(2020, 1, 1, tzinfo=UTC)
         session.get_one(Phase, "dev").closes_at = now - timedelta(minutes=2)
+    asked = seen(on_both, asked_id)
     if is_late:
+        assert not asked.is_asked, "nothing is offered that can only fail"
         with pytest.raises(PhaseClosed), on_both.database.write() as session:
             confirm(session, asked_id, actor="test")
+        with on_both.database.write() as session:
+            session.get_one(Phase, "dev").policy = PhasePolicy(late_entries="own_view")
+        asked = seen(on_both, asked_id)
+        assert asked.is_asked
+        assert asked.report is not None
+        assert "confirmed now, it stands on the late view alone" in asked.report.to_confirm[-1]
+        with on_both.database.write() as session:
+            late_id = confirm(session, asked_id, actor="test").id
+        assert seen(on_both, late_id).is_late
         return
+    assert asked.report is not None
+    until = now + timedelta(minutes=15 - minutes_ago)
+    assert asked.report.to_confirm[-1] == (
+        f"It is in time where it is confirmed before {until:%Y-%m-%d %H:%M} UTC, a quarter of an hour "
+        "after its first byte."
+    )
     with on_both.database.write() as session:
         counted = confirm(session, asked_id, actor="test")
         closes_at = session.get_one(Phase, "dev").closes_at

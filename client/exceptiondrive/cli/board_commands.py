@@ -184,7 +184,7 @@ def _left(view: PhaseView, window: str) -> str:
 def _window(view: PhaseView, now: datetime) -> str:
     if view.visibility == "archived":
         return "archived"
-    opens, closes = view.opens_at, view.closes_at
+    opens, closes = view.opens_at, view.own_closes_at or view.closes_at
     if view.is_open:
         return "open" if closes is None else f"until {utc_text(closes)}"
     if opens is not None and opens > now:

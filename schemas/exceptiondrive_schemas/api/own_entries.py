@@ -58,7 +58,10 @@ def question_of(view: SubmissionView, minute: Callable[[datetime], str] = _minut
     if view.status is not SubmissionStatus.REJECTED or not asked:
         return ""
     if view.confirm_until is None:
-        return "It was not confirmed in time: it counts for nothing, and its file is deleted. Send it again."
+        return (
+            "It was not confirmed in time: it counts for nothing, and its file is not kept. Send it again "
+            "while the phase takes files."
+        )
     until = f"Confirm it until {minute(view.confirm_until)}, or its file is deleted."
     return " ".join(("Nothing is counted yet.", *asked, until))
 

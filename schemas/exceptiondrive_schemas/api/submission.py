@@ -232,8 +232,13 @@ class PhaseView(PhaseSettings):
 
     @property
     def takes_late_entries(self) -> bool:
-        """Whether it is closed, and what comes now stands on the late view."""
-        return self.now is not None and self.now.takes_late_entries
+        """Whether it is closed to the asking team, and what comes now stands on the late view."""
+        return not self.is_open and self.now is not None and self.now.takes_late_entries
+
+    @property
+    def own_closes_at(self) -> datetime | None:
+        """The later deadline of the asking team, while it is open to that team."""
+        return self.quota.closes_at if self.is_open and self.quota is not None else None
 
     @property
     def takes_files(self) -> bool:

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from datetime import datetime
 from typing import Any, TypedDict, Unpack
 
-from sqlalchemy import select, update
+from sqlalchemy import ColumnElement, func, select, update
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.log import audit
@@ -56,8 +56,8 @@ def set_allowance(
     Raises:
         NotFound: No such team or phase.
         InvalidRecord: The deadline is no later one, or the reason cannot be kept.
-        Conflict: The rest of the split, or a hidden freeze, is revealed already; the team is gone; the
-            phase is hidden, and the team would learn of it.
+        Conflict: The rest of the split, or a hidden freeze, is revealed already; what came in time would
+            become late; the team is gone; the phase is hidden, and the team would learn of it.
     """
     phase = lock_phase(session, phase_id)
     team = find_team(session, slug, lock=True)
@@ -87,11 +87,9 @@ def set_allowance(
         given = {**after, "reason": checked_reason(reason), "granted_at": database_now(session)}
         row = session.merge(Allowance(team_id=team.id, phase_id=phase.id, **given))
     if "closes_at" in limits:
-        session.execute(
-            update(Submission)
-            .where(Submission.team_id == team.id, Submission.phase_id == phase.id)
-            .values(granted_until=closes_at)
-        )
+        own = (Submission.team_id == team.id, Submission.phase_id == phase.id)
+        _require_in_time(session, own_deadline(phase, closes_at) or phase.closes_at, *own)
+        session.execute(update(Submission).where(*own).values(granted_until=closes_at))
     renew_boards(session, phase)
     was, granted = _words(phase, before), _words(phase, after)
     detail = {"phase": phase.id, "reason": checked_reason(reason), "was": was, "is": granted}
@@ -106,6 +104,24 @@ def set_allowance(
     title = f"What your team may submit to {phase.title} is changed"
     tell_team(session, team, "allowance", title, sentences, phase=phase.id)
     return row
+
+
+def _require_in_time(session: Session, until: datetime | None, *own: ColumnElement[bool]) -> None:
+    """Refuse a deadline before what a team sent within the one that it has.
+
+    Raises:
+        Conflict: It would become late.
+    """
+    if until is None:
+        return
+    arrived_at = func.coalesce(Submission.arrived_at, Submission.received_at)
+    is_lost = (arrived_at >= until, arrived_at < Submission.granted_until)
+    last = session.scalar(select(func.max(arrived_at)).where(*own, *is_lost))
+    if last is not None:
+        raise Conflict(
+            f"The team sent a file at {last:%Y-%m-%d %H:%M:%S} UTC: what was accepted in time would "
+            "become late. Set a time after that, or leave it."
+        )
 
 
 def list_allowances(session: Session, team_id: int) -> list[Allowance]:

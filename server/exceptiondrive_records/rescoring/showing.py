@@ -18,10 +18,10 @@ from exceptiondrive_records.db.errors import Conflict
 from exceptiondrive_records.db.identifiers import checked_reason
 from exceptiondrive_records.notifications.inbox import tell_team
 from exceptiondrive_records.notifications.tables import Notification
-from exceptiondrive_records.phases.allowances import end_own_deadlines
+from exceptiondrive_records.phases.allowances import allowance_of, end_own_deadlines, is_revealed
 from exceptiondrive_records.phases.changes import update_phase
 from exceptiondrive_records.phases.phases import lock_phase
-from exceptiondrive_records.phases.policy import frozen_since
+from exceptiondrive_records.phases.policy import frozen_since, own_deadline
 from exceptiondrive_records.phases.scoring_keys import key_of_phase
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.rescoring.comparison import compare_rows
@@ -78,11 +78,18 @@ def reveal_board(session: Session, phase_id: str, *, reason: str, actor: str) ->
 
 
 def _tell_teams(session: Session, phase: Phase, title: str, sentence: str) -> None:
-    """Tell the teams that submitted to a phase; of a hidden one nothing is told."""
+    """Tell the teams that submitted to a phase; of a hidden one nothing is told.
+
+    One whose own later deadline still holds is told that, too: after a reveal none does.
+    """
     if phase.visibility == "hidden":
         return
     for team in teams_that_read(session, phase.id):
-        tell_team(session, team, "phase_changed", title, (sentence,), phase=phase.id)
+        own = None if is_revealed(session, phase) else allowance_of(session, team.id, phase.id)
+        until = own and own_deadline(phase, own.closes_at)
+        words = f"Your team's own deadline is still {until:%Y-%m-%d %H:%M} UTC." if until else None
+        sentences = tuple(filter(None, (sentence, words)))
+        tell_team(session, team, "phase_changed", title, sentences, phase=phase.id)
 
 
 def _tell_of_hidden_updates(session: Session, phase: Phase) -> None:

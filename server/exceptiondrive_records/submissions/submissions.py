@@ -21,7 +21,12 @@ from exceptiondrive_records.db.identifiers import (
 )
 from exceptiondrive_records.phases.allowances import is_open_to
 from exceptiondrive_records.phases.disqualified import require_not_disqualified
-from exceptiondrive_records.phases.policy import has_closed, has_revealed, takes_late_entries
+from exceptiondrive_records.phases.policy import (
+    has_closed,
+    has_revealed,
+    own_deadline,
+    takes_late_entries,
+)
 from exceptiondrive_records.phases.quotas import quota_of, require_quota
 from exceptiondrive_records.phases.scoring_keys import (
     ScoringKey,
@@ -337,6 +342,12 @@ def confirm(session: Session, submission_id: str, *, actor: str) -> Submission:
     return counted
 
 
+def takes_confirmation(session: Session, phase: Phase, asked: Submission, now: datetime) -> bool:
+    """Whether the phase takes what its team is asked about, be it for the late view."""
+    moment = arrival(session, phase, asked.arrived_at, now)
+    return _takes(session, phase, own_deadline(phase, asked.granted_until), moment)
+
+
 def require_acceptable(
     session: Session,
     team: Team,
@@ -545,12 +556,17 @@ def same_bytes(
     return session.scalars(_SAME_BYTES, given).first()
 
 
+def _takes(
+    session: Session, phase: Phase, own_closes_at: datetime | None, arrived_at: datetime
+) -> bool:
+    is_open = is_open_to(session, phase, own_closes_at, arrived_at)
+    return is_open or takes_late_entries(session, phase, arrived_at)
+
+
 def _require_open(
     session: Session, phase: Phase, own_closes_at: datetime | None, arrived_at: datetime
 ) -> None:
-    if is_open_to(session, phase, own_closes_at, arrived_at):
-        return
-    if takes_late_entries(session, phase, arrived_at):
+    if _takes(session, phase, own_closes_at, arrived_at):
         return
     if phase.visibility != "shown":
         raise PhaseClosed(phase.title, f"is {phase.visibility}")

@@ -17,6 +17,7 @@ from exceptiondrive_records.phases.policy import (
     can_publish,
     deadline_of,
     frozen_since,
+    has_revealed,
     is_late,
     is_published,
     is_split_revealed,
@@ -28,6 +29,11 @@ from exceptiondrive_records.phases.policy import (
 from exceptiondrive_records.phases.scoring_keys import key_of_phase
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
+from exceptiondrive_records.submissions.submissions import (
+    LONGEST_UPLOAD,
+    arrival,
+    takes_confirmation,
+)
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.work.board_requests import is_board_wanted
@@ -182,6 +188,32 @@ class _Seen:
         """Since when a score is kept back."""
         return score_kept_back_since(self.phase, submission, self.now)
 
+    def can_be_confirmed(self, submission: Submission) -> bool:
+        """Whether its team may still say yes, and the phase takes it then."""
+        return submission.can_be_confirmed(self.now) and takes_confirmation(
+            self._session, self.phase, submission, self.now
+        )
+
+    def report_of(self, asked: Submission) -> CheckReport | None:
+        """Return the report of what waits for a yes, with what its deadline means for that."""
+        report, ends, until = asked.report, deadline_of(self.phase, asked), asked.confirm_until
+        if report is None or ends is None or until is None:
+            return report
+        came = asked.arrived_at or asked.received_at
+        judged = came + LONGEST_UPLOAD
+        if arrival(self._session, self.phase, asked.arrived_at, self.now) >= ends:
+            words = "The deadline has passed: confirmed now, it stands on the late view alone."
+        elif judged > ends and not has_revealed(self._session, self.phase, came):
+            words = (
+                f"It is in time where it is confirmed before {judged:%Y-%m-%d %H:%M} UTC, a quarter of an "
+                "hour after its first byte."
+            )
+        elif ends < until:
+            words = f"It is in time where it is confirmed before the deadline, {ends:%Y-%m-%d %H:%M} UTC."
+        else:
+            return report
+        return report.model_copy(update={"to_confirm": (*report.to_confirm, words)})
+
 
 def _view(
     submission: Submission,
@@ -193,7 +225,7 @@ def _view(
     awaits_profile: bool,
 ) -> SubmissionView:
     phase, is_scored = seen.phase, submission.is_scored
-    can_be_confirmed = submission.can_be_confirmed(seen.now)
+    can_be_confirmed = seen.can_be_confirmed(submission)
     shown = seen.entries.get(submission.id) if is_scored else None
     holder = seen.replaced_by.get(submission.id)
     run_rule, is_chosen = seen.rules.get(submission.id, ("newest", False))
@@ -237,7 +269,7 @@ def _view(
         received_at=submission.received_at,
         status_at=submission.status_at,
         queue=queue,
-        report=_report(submission, phase, seen.now),
+        report=seen.report_of(submission) if can_be_confirmed else submission.report,
         failure=_failure(submission),
         sheet=sheet,
         headline=HEADLINE if sheet is None else seen.headline,
@@ -342,16 +374,6 @@ def _lease_until(job: Job, now: datetime) -> datetime | None:
         job.state is WorkState.LEASED and job.lease_until is not None and job.lease_until > now
     )
     return job.lease_until if is_held else None
-
-
-def _report(submission: Submission, phase: Phase, now: datetime) -> CheckReport | None:
-    """Return the report; what waits for a yes says where the deadline comes before the time for it ends."""
-    report, ends = submission.report, deadline_of(phase, submission)
-    until = submission.confirm_until
-    if report is None or ends is None or until is None or not now < ends < until:
-        return report
-    words = f"It is in time where it is confirmed before the deadline, {ends:%Y-%m-%d %H:%M} UTC."
-    return report.model_copy(update={"to_confirm": (*report.to_confirm, words)})
 
 
 def _failure(submission: Submission) -> Failure | None:

@@ -3,6 +3,7 @@
 All of it works without script. Another team's submission is not found.
 """
 
+import dataclasses
 import time
 from collections.abc import Mapping
 from functools import partial
@@ -134,6 +135,8 @@ def _submit_page(
         links = tuple(phase_link(session, phase) for phase in list_phases(session))
         protocol = featured_protocol(session)
         phases = _phases(session, services, None if browser is None else browser.principal)
+        if phases:
+            links = tuple(map(_as_to_team, links, phases))
         standing = () if browser is None else _standing(session, browser.principal)
         if browser is not None and sent is not None:
             find_submission(session, sent, team_id=own_team(browser.principal))
@@ -223,6 +226,14 @@ def _development(phases: tuple[PhaseLink, ...], chosen: PhaseLink | None) -> Pha
     return chosen if chosen.split_is_public else next(iter(public), None)
 
 
+def _as_to_team(link: PhaseLink, seen: PhaseView) -> PhaseLink:
+    """What is said of a phase to a team, which may have a later deadline of its own."""
+    closes_at = seen.own_closes_at or seen.closes_at
+    return dataclasses.replace(
+        link, is_open=seen.is_open, takes_late=seen.takes_late_entries, closes_at=closes_at
+    )
+
+
 def _one_phase_each(phases: tuple[PhaseLink, ...]) -> list[PhaseLink]:
     """The first open phase of each challenge; none where there is no choice."""
     first = {phase.challenge.id: phase for phase in reversed(phases) if phase.is_open}
@@ -231,7 +242,7 @@ def _one_phase_each(phases: tuple[PhaseLink, ...]) -> list[PhaseLink]:
 
 def _to_submit_to(phases: tuple[PhaseView, ...]) -> tuple[PhaseView, ...]:
     """Open phases; then closed ones that still rank late entries."""
-    late = (phase for phase in phases if phase.now is not None and phase.now.takes_late_entries)
+    late = (phase for phase in phases if phase.takes_late_entries)
     return (*(phase for phase in phases if phase.is_open), *late)
 
 
@@ -339,7 +350,8 @@ def _submission(
         counterpart=CHALLENGES[seen.challenge].counterpart,
         can_withdraw=seen.status not in without_score,
         can_send_again=seen.status in (SubmissionStatus.REJECTED, SubmissionStatus.WITHDRAWN)
-        and not (ended or seen.is_asked or seen.confirmed_as),
+        and not (ended or seen.is_asked or seen.confirmed_as)
+        and phase.visibility == "shown",
         is_again=is_again,
     )
 
