@@ -242,6 +242,26 @@ def test_lost_uploads_are_left_out_by_name_where_the_operator_says_so(
     assert sorted(restored) == sorted(path.name for path in others)
 
 
+def test_a_backup_says_what_a_restore_of_it_would_refuse(
+    embedded_story: Story, tmp_path: Path
+) -> None:
+    with embedded_story.database.write() as session:
+        session.execute(update(Submission).values(method="Renamed"))
+    path = tmp_path / "backup.tar"
+    environment = {
+        "EXCEPTIONDRIVE_DATABASE_URL": str(embedded_story.database.engine.url),
+        "EXCEPTIONDRIVE_FILE_STORE_URL": (embedded_story.folder / "uploads").as_uri(),
+    }
+    done = CliRunner().invoke(app, ["backup", str(path)], env=environment)
+    assert done.exit_code == 0
+    with pytest.raises(BackupError) as refused:
+        restore_backup(path, f"sqlite:///{tmp_path / 'new'}", FileStore("memory://"))
+    _, *broken = str(refused.value).splitlines()
+    assert len(broken) >= 3
+    for line in broken:
+        assert f"restore would refuse it: {line}\n" in done.stderr
+
+
 def troubles_of_backups(database: Database) -> list[str]:
     with database.read() as session:
         return [one.code for one in troubles(session) if one.subject == "backup"]
