@@ -4,20 +4,24 @@ import io
 import tarfile
 import tempfile
 from collections.abc import Callable
+from datetime import timedelta
 from pathlib import Path
 
 import pytest
-from sqlalchemy import select
-from tests.chaos.story import Lived
+from sqlalchemy import select, update
+from tests.chaos.story import Lived, Story
 from typer.testing import CliRunner
 
 from exceptiondrive_records.audit.log import verify_audit
-from exceptiondrive_records.boards.tables import BoardRow
+from exceptiondrive_records.boards.boards import flip_board
+from exceptiondrive_records.boards.tables import BoardFlip, BoardRow
+from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.migrations import migrate
 from exceptiondrive_records.operations.dump import dump_rows, dumped_tables
 from exceptiondrive_records.operations.invariants import damaged_uploads, violations
 from exceptiondrive_records.operations.troubles import troubles
+from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.file_store import FileStore
 from exceptiondrive_records.submissions.submissions import accept
 from exceptiondrive_records.submissions.tables import Submission
@@ -78,6 +82,24 @@ def test_a_restored_backup_holds_every_row_and_every_file(
         assert (verdict.n_lines, verdict.head) == (head.audit_lines, head.audit_head)
         assert verdict.n_lines > 5
     restored.dispose()
+
+
+def test_records_of_a_clock_that_was_set_back_are_whole_and_can_be_restored(
+    embedded_story: Story, tmp_path: Path
+) -> None:
+    """What was built before is shown after: by a reveal, an update or a rollback an earlier board again."""
+    with embedded_story.database.write() as session:
+        later = database_now(session) + timedelta(hours=1)
+        session.execute(update(BoardRow).values(published_at=later))
+        session.execute(update(BoardFlip).values(at=later))
+        phase = session.scalars(select(Phase)).one()
+        row, phase.current_board_id = session.scalars(select(BoardRow)).one(), None
+        flip = flip_board(session, phase, row)
+        assert flip is not None
+        assert flip.at < later
+    write_backup(embedded_story.database, embedded_story.files, tmp_path / "backup.tar")
+    url = f"sqlite:///{tmp_path / 'restored.sqlite3'}"
+    restore_backup(tmp_path / "backup.tar", url, FileStore((tmp_path / "restored").as_uri()))
 
 
 def test_a_restore_says_that_a_new_key_signs_receipts_where_the_former_is_not_put_back(
@@ -218,6 +240,26 @@ def test_lost_uploads_are_left_out_by_name_where_the_operator_says_so(
             assert f"without sha256:{path.name}, which was lost" in told
     restored = [path.name for path in (data / "uploads").rglob("*") if path.is_file()]
     assert sorted(restored) == sorted(path.name for path in others)
+
+
+def test_a_backup_says_what_a_restore_of_it_would_refuse(
+    embedded_story: Story, tmp_path: Path
+) -> None:
+    with embedded_story.database.write() as session:
+        session.execute(update(Submission).values(method="Renamed"))
+    path = tmp_path / "backup.tar"
+    environment = {
+        "EXCEPTIONDRIVE_DATABASE_URL": str(embedded_story.database.engine.url),
+        "EXCEPTIONDRIVE_FILE_STORE_URL": (embedded_story.folder / "uploads").as_uri(),
+    }
+    done = CliRunner().invoke(app, ["backup", str(path)], env=environment)
+    assert done.exit_code == 0
+    with pytest.raises(BackupError) as refused:
+        restore_backup(path, f"sqlite:///{tmp_path / 'new'}", FileStore("memory://"))
+    _, *broken = str(refused.value).splitlines()
+    assert len(broken) >= 3
+    for line in broken:
+        assert f"restore would refuse it: {line}\n" in done.stderr
 
 
 def troubles_of_backups(database: Database) -> list[str]:

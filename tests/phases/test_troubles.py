@@ -120,6 +120,18 @@ def test_a_split_without_its_file_or_under_another_name(life: Life, store: Split
     assert told(life) == []
 
 
+def test_a_split_whose_floors_cannot_be_read(life: Life, store: SplitStore) -> None:
+    floors: Path = life.worker.splits_dir / "driven" / "floors.toml"
+    floors.write_text("max_protocol = 3\n")
+    waiting = life.submit("alpha", 4.0, "Planner", "driven", "driven")
+    say_alive(life, store)
+    assert told(life) == [("split_without_file", "driven")]
+    assert life.json(f"/api/v1/submissions/{waiting}", "alpha")["queue"]["workers_alive"] == 0
+    floors.write_text("max_protocols = 3\n")
+    say_alive(life, store)
+    assert told(life) == []
+
+
 def test_a_split_that_one_of_two_workers_lacks_keeps_nothing_waiting(
     life: Life, store: SplitStore
 ) -> None:

@@ -3,6 +3,8 @@
 import hashlib
 import os
 import stat
+import subprocess
+import sys
 from functools import partial
 from pathlib import Path
 
@@ -96,6 +98,40 @@ def test_a_folder_that_is_away_is_an_outage_and_its_files_are_not_missing(tmp_pa
     assert store.takes_files(), "a new server's folder is empty, too"
     (tmp_path / "away").rename(folder)
     assert store.read(digest, limit_bytes=100) == b"bytes"
+
+
+def test_a_folder_that_this_user_may_not_enter_is_away(tmp_path: Path) -> None:
+    folder = tmp_path / "files"
+    digest, _ = FileStore(folder.as_uri()).put_stream([b"bytes"], limit_bytes=100)
+    command = [sys.executable, "-c", _AS_SOMEBODY_ELSE, folder.as_uri(), digest]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    folder.chmod(0o700)
+    assert done.stdout.splitlines() == [
+        "False",
+        "False",
+        "The file store does not answer; try again later.",
+        "The file store does not take files now; try again later.",
+    ], done.stderr
+
+
+_AS_SOMEBODY_ELSE = """
+import os, sys
+from pathlib import Path
+from exceptiondrive_records.db.errors import StoreError
+from exceptiondrive_records.submissions.file_store import FileStore
+url, digest = sys.argv[1:]
+store = FileStore(url)
+Path(url.removeprefix("file://")).chmod(0)
+if os.geteuid() == 0:
+    os.setgroups([]); os.setgid(10001); os.setuid(10001)
+print(store.is_empty())
+print(store.takes_files())
+for ask in (lambda: store.read(digest, limit_bytes=100), lambda: store.put_stream([b"more"], limit_bytes=100)):
+    try:
+        ask()
+    except StoreError as error:
+        print(error)
+"""
 
 
 def test_a_flipped_bit_is_never_read(tmp_path: Path) -> None:

@@ -1,5 +1,7 @@
 """Nothing that others wait for is held over a round trip to PostgreSQL, and no question is asked for nothing."""
 
+import os
+import socket
 from collections.abc import Callable, Iterator
 from datetime import timedelta
 from pathlib import Path
@@ -236,6 +238,25 @@ def test_a_connection_that_its_server_ended_is_not_taken(
             assert session.scalar(ended, {"pid": pid if still == own_pid else own_pid})
         with database.read() as session, database.write() as other:
             assert session.scalar(own) != other.scalar(own)
+
+
+@POSTGRES_ALONE
+def test_a_machine_that_is_gone_is_given_up_within_half_a_minute(
+    counted: tuple[Database, Proxy],
+) -> None:
+    """Without these an answer is waited for without end: no packet says that none comes."""
+    with counted[0].read() as session:
+        driver = session.connection().connection.driver_connection
+        assert driver is not None
+        connected = socket.socket(fileno=os.dup(driver.fileno()))
+    with connected:
+        assert connected.getsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE)
+        first_s, every_s, lost_after_ms = (
+            connected.getsockopt(socket.IPPROTO_TCP, option)
+            for option in (socket.TCP_KEEPIDLE, socket.TCP_KEEPINTVL, socket.TCP_USER_TIMEOUT)
+        )
+    assert first_s + every_s < 30
+    assert lost_after_ms == 30_000
 
 
 def test_the_time_in_a_statement_is_that_of_the_database(database: Database) -> None:

@@ -46,6 +46,15 @@ def test_what_cannot_be_kept_is_told_and_keeps_nothing_from_being_scored(
     assert store.read_columns(Shelf.MEASUREMENTS, "k") is None
 
 
+def test_what_cannot_be_read_is_told_and_absent(store: PrivateStore) -> None:
+    folder = store.root / Shelf.MEASUREMENTS
+    folder.rmdir()
+    folder.touch()
+    with capture_logs() as lines:
+        assert store.read_columns(Shelf.MEASUREMENTS, "k") is None
+    assert [(line["shelf"], line["why"]) for line in lines] == [("measurements", "Not a directory")]
+
+
 def test_a_plain_number_keeps_having_no_axes(store: PrivateStore) -> None:
     store.write_columns(Shelf.INTERVALS, "k", {"n": np.asarray(7), "none": np.empty((0, 2))})
     found = store.read_columns(Shelf.INTERVALS, "k")

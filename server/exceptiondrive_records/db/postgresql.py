@@ -24,6 +24,8 @@ TRUSTED_FOR_S = 5.0
 is. One that its server ended has something to be heard."""
 BEGIN = "BEGIN"
 _GIVEN_BACK = "exceptiondrive_given_back_s"
+_LOST_AFTER_30_S = {"tcp_user_timeout": 30_000, "keepalives_idle": 10, "keepalives_interval": 5}
+"""A machine or network that is gone is heard of so soon. A server that is stopped answers these still."""
 
 
 def postgresql_engine(url: str) -> Engine:
@@ -32,7 +34,11 @@ def postgresql_engine(url: str) -> Engine:
         url,
         pool_size=5,
         max_overflow=20,
-        connect_args={"options": "-c timezone=UTC -c lock_timeout=30s", "connect_timeout": 5},
+        connect_args={
+            "options": "-c timezone=UTC -c lock_timeout=30s",
+            "connect_timeout": 5,
+            **_LOST_AFTER_30_S,
+        },
     )
 
     def note_when(connection: DBAPIConnection | None, entry: ConnectionPoolEntry) -> None:

@@ -105,10 +105,11 @@ def _splits(session: Session) -> Iterator[Trouble]:
         yield Trouble(
             "split_without_file",
             split,
-            f"{who} find no file of split {name}{at}: "
+            f"{who} cannot use split {name}{at}: "
             f"{f'{its} wait' if waits else f'the others alone score {its}'}.",
             f"put it back to {name}/split.json.gz in the workers' folder of splits; the folder has "
-            "the name of the split. What waits is scored by itself",
+            "the name of the split. Where it lies there, floors.toml beside it cannot be read: the workers' "
+            "log says why. What waits is scored by itself",
             stops_scoring=waits and is_shown,
         )
 

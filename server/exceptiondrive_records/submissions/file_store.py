@@ -159,10 +159,13 @@ class FileStore:
         return self._folder is None or (self.free_bytes() or 0) >= LEAST_FREE_BYTES
 
     def is_empty(self) -> bool:
-        """Whether nothing lies in the folder, as in one on which nothing is mounted."""
-        return self._folder is not None and not (
-            self._folder.is_dir() and any(self._folder.iterdir())
-        )
+        """Whether nothing lies in the folder, as in one on which nothing is mounted; who may not enter it cannot tell."""
+        try:
+            return self._folder is not None and not (
+                self._folder.is_dir() and any(self._folder.iterdir())
+            )
+        except OSError:
+            return False
 
     def _answers(self) -> bool:
         try:

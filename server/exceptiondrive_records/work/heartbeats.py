@@ -56,7 +56,7 @@ def live_workers(
 ) -> int:
     """Return how many workers of a lane live; each does one thing at a time.
 
-    Of a split, which is a name and a revision, those that find it.
+    Of a split, which is a name and a revision, those that can use it.
     """
     names = set() if split is None else {split[0], "@".join(split)}
     found = session.execute(_LIVING)
@@ -64,9 +64,9 @@ def live_workers(
 
 
 def missing_splits(session: Session) -> dict[str, bool]:
-    """Return the splits of which a living worker finds no file, or as `name@revision` not that one.
+    """Return the splits that a living worker cannot use, or as `name@revision` not that one.
 
-    Each with whether what is scored against it waits: no worker of the live lane finds it.
+    Each with whether what is scored against it waits: no worker of the live lane can use it.
     """
     living = [(lanes, set(lacks)) for lanes, lacks in session.execute(_LIVING)]
     splits = sorted({split for _, lacks in living for split in lacks})

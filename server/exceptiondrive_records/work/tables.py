@@ -222,4 +222,5 @@ class WorkerHeartbeat(Base):
     scorer_version: Mapped[str | None]
     """Whose scores it makes; None: a release that did not say."""
     missing_splits: Mapped[list[str]] = mapped_column(default=list)
-    """Splits in use of which it finds no file: names, and `name@revision` where that revision was asked for."""
+    """Splits in use of which it finds no file or reads no floors: names, and `name@revision` where that
+    revision was asked for in vain."""

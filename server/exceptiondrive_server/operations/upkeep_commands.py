@@ -11,7 +11,12 @@ from exceptiondrive_records.audit.log import audit, verify_audit
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.db.errors import RecordsError
 from exceptiondrive_records.db.settings import RecordsSettings, load_settings
-from exceptiondrive_records.operations.dump import BACKUP, BACKUP_FAILED, BACKUP_WRITTEN
+from exceptiondrive_records.operations.dump import (
+    BACKUP,
+    BACKUP_FAILED,
+    BACKUP_WRITTEN,
+    begin_snapshot,
+)
 from exceptiondrive_records.operations.garbage import GRACE, sweep_orphans
 from exceptiondrive_records.operations.invariants import damaged_uploads, violations
 from exceptiondrive_records.operations.setup import opened
@@ -52,6 +57,11 @@ def backup(
             raise
         say(f"{head.n_files} files and {head.audit_lines} audit lines in {file}; keep it private")
         _tell_lost(head)
+        with database.read() as session:
+            begin_snapshot(session)
+            broken = violations(session)
+        for violation in broken[:20]:
+            say(f"restore would refuse it: {violation}")
         _note(database, BACKUP_WRITTEN, as_of=head.created_at)
 
 

@@ -110,12 +110,15 @@ class PrivateStore:
             folder.chmod(0o700)
 
     def read(self, shelf: Shelf, key: str) -> bytes | None:
-        """Return the bytes kept under `key`, or None where they are absent or damaged."""
+        """Return the bytes kept under `key`, or None where they are absent, damaged or cannot be read."""
         try:
             with open(self._path(shelf, key), "rb", buffering=0) as file:
                 framed = file.read()
                 _note_use(file.fileno())
         except FileNotFoundError:
+            return None
+        except OSError as error:
+            _log.warning("not read from the private store", shelf=shelf.value, why=error.strerror)
             return None
         checksum, data = framed[:_CHECKSUM_BYTES], framed[_CHECKSUM_BYTES:]
         return data if _checksum(data) == checksum else None

@@ -31,7 +31,7 @@ from exceptiondrive_schemas.split import Manifest, Split
 from exceptiondrive_scoring.aliases import FloatArray, IntArray
 from exceptiondrive_scoring.arrays import SplitArrays, recorded_m, split_arrays
 from exceptiondrive_worker.splits.faults import SplitRefusedError, split_faults
-from exceptiondrive_worker.splits.floors import SplitFloors, read_floors
+from exceptiondrive_worker.splits.floors import FloorsUnreadableError, SplitFloors, read_floors
 from exceptiondrive_worker.splits.private_store import array_digest
 
 MAX_SPLIT_BYTES = 256 * 2**20
@@ -272,15 +272,24 @@ class SplitStore:
         return self._loaded[key]
 
     def missing(self, names: Iterable[str]) -> list[str]:
-        """Return which of these splits have no file, and as `name@revision` what was just asked for in vain.
+        """Return which of these splits cannot be used, and as `name@revision` what was just asked for in vain.
 
-        No file is opened: what was asked for in vain is asked for again while something waits for it.
+        The former have no file, or floors that cannot be read. No split is opened: what was asked for
+        in vain is asked for again while something waits for it.
         """
         names, since_s = set(names), time.monotonic() - NOT_FOUND_FOR_S
         held = {path.parent.name for path in self.files()}
+        unusable = {name for name in names if name not in held or not self._has_floors(name)}
         asked = self._not_found_at_s.copy().items()
         in_vain = [split for split, at_s in asked if at_s > since_s and split[0] in names]
-        return [*sorted(names - held), *map("@".join, in_vain)]
+        return [*sorted(unusable), *map("@".join, in_vain)]
+
+    def _has_floors(self, name: str) -> bool:
+        try:
+            self.floors(name)
+        except FloorsUnreadableError:
+            return False
+        return True
 
     def _find_split(self, name: str, revision: str) -> tuple[Split, SplitPart | None]:
         if not self._lies_there(name, revision):
