@@ -844,14 +844,17 @@ def test_a_jury_is_a_gate(shop: Path) -> None:
     passed = run(*command)
     assert passed.exit_code == 0, passed.output
     found = {each["method"]: each for each in json.loads(passed.output)["jury"]}
-    assert set(found) == {"FREEZE", "CONSTANT VELOCITY", "SOURCE AS EDITED", "fast"}
+    assert set(found) == {"FREEZE", "CONSTANT VELOCITY", "SOURCE AS EDITED", "fast.json"}
     assert found["FREEZE"]["ur"] == 0
+    (jury / "fast.json.gz").write_bytes(gzip.compress(fast))
     (jury / "parked.json").write_bytes(parked)
     (jury / "slow.json").write_bytes(slow)
     refused = run(*command[:-1])
     assert refused.exit_code == 2
-    assert "jury parked: HCC 100.00, UR 0.00 no moving planner: stands_still, " in refused.output
-    assert "jury slow: HCC 100.00, UR 0.00 OBJECTION: a moving planner has HCC" in refused.output
+    assert "jury fast.json: HCC" in refused.output
+    assert "jury fast.json.gz: HCC" in refused.output, "each file, also of one planner"
+    assert "jury parked.json: HCC 100.00, UR 0.00 no moving planner: stands_still, " in refused.output
+    assert "jury slow.json: HCC 100.00, UR 0.00 OBJECTION: a moving planner has HCC" in refused.output
 
 
 def test_a_jury_that_is_no_folder_is_named(shop: Path) -> None:

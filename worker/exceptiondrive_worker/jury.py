@@ -44,19 +44,19 @@ class Verdict:
 
 
 def files_of_jury(folder: Path) -> dict[str, bytes]:
-    """Files of trajectories in a folder by name: `.json` and `.json.gz`.
+    """Files of trajectories in a folder by file name: `.json` and `.json.gz`.
 
     Raises:
         OSError: The folder cannot be read.
     """
     paths = [path for path in sorted(folder.iterdir()) if path.name.endswith((".json", ".json.gz"))]
-    return {path.name.split(".json")[0]: path.read_bytes() for path in paths}
+    return {path.name: path.read_bytes() for path in paths}
 
 
 def jury(
     split: LoadedSplit, protocol: ProtocolDocument, files: Mapping[str, bytes], folder: Path
 ) -> Iterator[Verdict]:
-    """Score reference rows and files, by the name of their planner, one after the other.
+    """Score reference rows and files, each under its name, one after the other.
 
     What scoring keeps meanwhile in the folder is withheld, and to be removed by the caller.
     """
