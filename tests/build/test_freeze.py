@@ -853,8 +853,31 @@ def test_a_jury_is_a_gate(shop: Path) -> None:
     assert refused.exit_code == 2
     assert "jury fast.json: HCC" in refused.output
     assert "jury fast.json.gz: HCC" in refused.output, "each file, also of one planner"
-    assert "jury parked.json: HCC 100.00, UR 0.00 no moving planner: stands_still, " in refused.output
-    assert "jury slow.json: HCC 100.00, UR 0.00 OBJECTION: a moving planner has HCC" in refused.output
+    assert (
+        "jury parked.json: HCC 100.00, UR 0.00 no moving planner: stands_still, " in refused.output
+    )
+    assert (
+        "jury slow.json: HCC 100.00, UR 0.00 OBJECTION: a moving planner has HCC" in refused.output
+    )
+
+
+def test_a_jury_judges_each_part(shop: Path) -> None:
+    """A planner that is perfect on the public part alone would lead the live board."""
+    ids = [sample.sample_id for sample in split_of(frozen(shop, "1")).samples]
+    set_freeze(shop, "public_part = []", f"public_part = {json.dumps(ids[::4])}")
+    jury = shop / "jury"
+    jury.mkdir()
+    speeds = dict.fromkeys(ids, 12.0) | dict.fromkeys(ids[::4], 2.0)
+    (jury / "half.json").write_bytes(planning_file(speeds, split="made-2027"))
+    refused = run("lint", "--workshop", shop, "--jury", jury)
+    assert refused.exit_code == 2
+    said = [line for line in refused.output.splitlines() if line.startswith("jury half.json")]
+    assert ["OBJECTION" in line for line in said] == [False, True, False]
+    assert [line.split(":")[0] for line in said] == [
+        "jury half.json",
+        "jury half.json in the public part",
+        "jury half.json in the private part",
+    ]
 
 
 def test_a_jury_that_is_no_folder_is_named(shop: Path) -> None:

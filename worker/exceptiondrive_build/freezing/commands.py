@@ -4,7 +4,7 @@ import json as json_module
 import shutil
 import tempfile
 from collections.abc import Iterable
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from itertools import chain
 from pathlib import Path
 from typing import Annotated
@@ -35,6 +35,7 @@ from exceptiondrive_worker.splits.faults import SplitRefusedError, split_faults
 from exceptiondrive_worker.splits.store import (
     SplitUnreadableError,
     load_split,
+    parts_of,
     read_datasheet,
     read_split,
 )
@@ -79,8 +80,14 @@ def lint_split(
     verdicts: list[Verdict] = []
     if jury_folder is not None and not faults:
         with tempfile.TemporaryDirectory() as folder:
-            loaded = load_split(split, protocol)
-            verdicts = list(jury(loaded, protocol, files_of_jury(jury_folder), Path(folder)))
+            files = files_of_jury(jury_folder)
+            verdicts = [
+                replace(verdict, part=part)
+                for part in parts_of(split)
+                for verdict in jury(
+                    load_split(split, protocol, part), protocol, files, Path(folder)
+                )
+            ]
     if json:
         report = check_report(split, faults, warnings)
         typer.echo(json_module.dumps(report | {"jury": [asdict(each) for each in verdicts]}))
@@ -99,7 +106,8 @@ def verdict_line(verdict: Verdict) -> str:
         scores = f" HCC {100 * verdict.hcc:.2f}, UR {100 * verdict.ur:.2f}"
     flags = f" no moving planner: {', '.join(verdict.flags)}" if verdict.flags else ""
     objection = f" OBJECTION: {verdict.objection}" if verdict.objection else ""
-    return f"jury {verdict.method}:{scores}{flags}{objection}"
+    part = f" in the {verdict.part} part" if verdict.part else ""
+    return f"jury {verdict.method}{part}:{scores}{flags}{objection}"
 
 
 def freeze_split(

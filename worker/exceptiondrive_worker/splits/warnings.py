@@ -4,7 +4,7 @@ Sample ids of a warning are for the operator's terminal and the workshop, never 
 """
 
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
@@ -16,8 +16,19 @@ from exceptiondrive_scoring.arrays import split_arrays
 from exceptiondrive_scoring.split_lint import LintedSplit, LintWarning, lint
 from exceptiondrive_worker.splits.faults import SplitFault
 from exceptiondrive_worker.splits.floors import SplitFloors
+from exceptiondrive_worker.splits.store import parts_of
 
 ADVISED = SplitFloors().min_samples_per_cell
+_OF_A_BOARD = frozenset(
+    {
+        "few_scenes",
+        "one_task",
+        "few_scenes_of_a_family",
+        "small_cells",
+        "standing_still_suffices",
+    }
+)
+"""Doubts about all that a board counts, which may be a part; the others are about single samples."""
 
 
 def split_warnings(
@@ -25,8 +36,23 @@ def split_warnings(
 ) -> tuple[LintWarning, ...]:
     """Return every doubt about a split that can be scored under this protocol.
 
-    The cells are those that floors allow: as advised, of its own file, or 1 of a public split.
+    What is doubted of a part alone, which a board counts by itself, names the part. The cells are those
+    that floors allow: as advised, of its own file, or 1 of a public split.
     """
+    whole = _lint(split, protocol, min_samples_per_cell)
+    said = {found.what for found in whole}
+    of_parts = (
+        replace(found, what=f"in the {part} part: {found.what}")
+        for part in parts_of(split)[1:]
+        for found in _lint(split.part(part), protocol, min_samples_per_cell)
+        if found.code in _OF_A_BOARD and found.what not in said
+    )
+    return (*whole, *of_parts)
+
+
+def _lint(
+    split: Split, protocol: ProtocolDocument, min_samples_per_cell: int
+) -> tuple[LintWarning, ...]:
     left = [sample for sample in split.samples if sample.withdrawn is None]
     samples = sorted(left, key=lambda sample: sample.sample_id)
     linted = LintedSplit(
