@@ -140,3 +140,25 @@ def test_single_samples_and_what_the_whole_has_too_are_told_once(
     one_task = parted(split.model_copy(update={"samples": tuple(samples)}), set(scenes[::2]), 0)
     codes = [found.code for found in split_warnings(one_task, protocol)]
     assert codes.count("behind_the_car") == codes.count("one_task") == 1
+
+
+def test_a_scene_in_both_parts_is_named_with_its_samples(protocol: ProtocolDocument) -> None:
+    split = sample_split()
+    scenes = sorted({it.scene_id for it in split.samples})
+    by_scene = parted(split, set(scenes[:20]), 0)
+    shared = by_scene.counted[0]
+    assert shared.part is not None
+    other = "private" if shared.part == "public" else "public"
+    moved = (
+        it.model_copy(update={"part": other}) if it.sample_id == shared.sample_id else it
+        for it in by_scene.samples
+        if not it.control
+    )
+    both = by_scene.model_copy(update={"samples": tuple(moved)})
+    (found,) = (it for it in split_warnings(both, protocol, 1) if it.code == "scene_in_both_parts")
+    of_scene = {it.sample_id for it in both.samples if it.scene_id == shared.scene_id}
+    assert set(found.sample_ids) == of_scene
+    apart = both.model_copy(
+        update={"samples": tuple(it for it in both.samples if it.sample_id != shared.sample_id)}
+    )
+    assert "scene_in_both_parts" not in {it.code for it in split_warnings(apart, protocol, 1)}

@@ -3,7 +3,7 @@
 Sample ids of a warning are for the operator's terminal and the workshop, never for the server.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, replace
 from typing import Any
 
@@ -47,7 +47,22 @@ def split_warnings(
         for found in _lint(split.part(part), protocol, min_samples_per_cell)
         if found.code in _OF_A_BOARD and found.what not in said
     )
-    return (*whole, *of_parts)
+    return (*whole, *_in_both_parts(split), *of_parts)
+
+
+def _in_both_parts(split: Split) -> Iterator[LintWarning]:
+    left = [sample for sample in split.samples if sample.withdrawn is None]
+    public, private = (
+        {sample.scene_id for sample in left if sample.part == part}
+        for part in ("public", "private")
+    )
+    ids = tuple(sorted(it.sample_id for it in left if it.scene_id in public & private))
+    if ids:
+        what = (
+            "the scene has samples in both parts: who tunes a planner by the public part has tuned it "
+            "to the scene of a private sample"
+        )
+        yield LintWarning("scene_in_both_parts", what, len(ids), ids)
 
 
 def _lint(
