@@ -518,6 +518,27 @@ def test_a_revision_in_which_one_sample_of_a_family_changes_alone_is_warned_of(s
     assert f"one sample alone changes in {titles[second]}; on a" in told
 
 
+def test_a_sample_that_changes_alone_in_its_part_is_warned_of(shop: Path) -> None:
+    """A board counts the part: of two that change it tells the one that is of it."""
+    samples = split_of(frozen(shop, "1")).samples
+    with Workshop(shop) as workshop:
+        taxonomy = workshop.protocol.taxonomy
+    family = taxonomy.task(samples[0].task).family
+    ids = [it.sample_id for it in samples if taxonomy.task(it.task).family == family][:4]
+    set_freeze(shop, "public_part = []", f"public_part = {json.dumps(ids[:2])}")
+    frozen(shop, "2")
+    to_2 = ("-w", shop, "--previous", shop / "frozen" / "2" / "split.json.gz", "--words", "x")
+    withdraw(shop, ids[1:3])
+    (title,) = (it.title for it in taxonomy.families if it.id == family)
+    assert (
+        "warning changed_alone (2): one sample alone changes in "
+        f"{title} (public part), {title} (private part); on a"
+    ) in run("freeze", shop / "frozen" / "3", *to_2).output
+    withdraw(shop, [ids[3]])
+    told = run("freeze", shop / "frozen" / "4", *to_2).output
+    assert f"warning changed_alone (1): one sample alone changes in {title} (public part);" in told
+
+
 @pytest.mark.parametrize(
     ("option", "value", "said"),
     [
