@@ -682,8 +682,12 @@ def test_samples_are_parted_as_the_settings_say_and_stay_so(shop: Path) -> None:
     set_freeze(shop, f'public_part = ["{ids[0]}"', f'public_part = ["{ids[20]}"')
     withdraw(shop, ids[:1])
     previous = shop / "frozen" / "2" / "split.json.gz"
-    later = split_of(frozen(shop, "3", "--previous", previous, "--words", "One failed."))
+    to_2 = ("--previous", previous, "--words", "One failed.")
+    later = split_of(frozen(shop, "3", *to_2))
     assert [it.part for it in later.samples] == [it.part for it in first.samples]
+    told = run("freeze", shop / "frozen" / "6", "-w", shop, *to_2).output
+    assert "warning parts_stay (2): samples of another part than `public_part` says" in told
+    assert "parts_stay" not in run("freeze", shop / "frozen" / "7", "-w", shop).output
     assert run("freeze", shop / "frozen" / "4", "-w", shop, "--auxiliary").exit_code == 0
     set_freeze(shop, f'public_part = ["{ids[20]}"', 'public_part = ["nobody"')
     told = run("freeze", shop / "frozen" / "5", "-w", shop)

@@ -20,6 +20,7 @@ from exceptiondrive_build.freezing.freeze import (
     freeze,
     gzipped,
     not_inspected,
+    parted_otherwise,
     pictures,
     undecided,
 )
@@ -127,6 +128,7 @@ def freeze_split(
         sheet_before = _sheet_of(before, previous) if before and previous else None
         frozen = freeze(shop, candidates, before, words, sheet_before)
         n_unseen = not_inspected(shop, candidates, frozen.split)
+        n_otherwise = parted_otherwise(shop, frozen.split)
         n_undecided = undecided(shop, candidates) if before is None else 0
         alone = (
             [] if before is None else changed_alone(before, frozen.split, shop.protocol.taxonomy)
@@ -157,6 +159,11 @@ def freeze_split(
         typer.echo(
             f"warning drives_become_public ({len(frozen.manifest.recorded):,}): the previous revision "
             "withholds the recorded paths, and this one's manifest tells them to everybody"
+        )
+    if n_otherwise:
+        typer.echo(
+            f"warning parts_stay ({n_otherwise:,}): samples of another part than `public_part` says; a "
+            "revision keeps the part of each sample, another draw is a split of another name"
         )
     if alone:
         typer.echo(

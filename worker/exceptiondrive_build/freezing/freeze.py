@@ -177,6 +177,12 @@ def _in_parts(samples: list[SplitSample], public: set[str]) -> Iterator[SplitSam
         yield it.model_copy(update={"part": part}) if public and it.part is None else it
 
 
+def parted_otherwise(workshop: Workshop, split: Split) -> int:
+    """How many samples are of another part than the settings name, where they name public ones."""
+    public = set(workshop.settings.freeze.public_part)
+    return sum((it.part == "public") != (it.sample_id in public) for it in split.samples if public)
+
+
 def _asked_otherwise(
     workshop: Workshop, candidates: Mapping[str, Candidate], sample_ids: list[str]
 ) -> list[str]:
