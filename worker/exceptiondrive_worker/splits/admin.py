@@ -17,6 +17,7 @@ from exceptiondrive_records.phases.policy import scored_while_open
 from exceptiondrive_records.splits.drawings import find_public_split
 from exceptiondrive_records.splits.splits import list_splits, publish_split, register_split
 from exceptiondrive_records.submissions.file_store import FileStore
+from exceptiondrive_records.submissions.sheets import has_sheets
 from exceptiondrive_schemas.api.phase_settings import SplitPart
 from exceptiondrive_schemas.check.inflate import GZIP_MAGIC
 from exceptiondrive_schemas.datasheet import Datasheet, SplitChange, SplitWarnings
@@ -119,7 +120,8 @@ def add_split_file(
         SplitUnreadableError: It is no split, or the datasheet beside it is none, or not this one's.
         SplitRefusedError: It cannot be scored.
         SplitUnavailableError: Another revision lies there, and there are no words about the change,
-            or not those of the datasheet, or its samples are others, or of another part.
+            or not those of the datasheet, or its samples are others, or of another part; or it is
+            the first with parts, and some file is scored on the whole.
         FloorsUnreadableError: The floors beside the split cannot be read. Whatever is raised, nothing
             was copied.
     """
@@ -148,6 +150,7 @@ def add_split_file(
             current = read_split(held[0])
             _require_same_samples(current, split)
             _require_same_parts(current, split)
+            _require_parts_in_time(database, split)
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)
         number = next(n for n in count(len(held)) if not any(folder.glob(f"*-{n}.*")))
         for path in (*folder.glob("split.json*"), *folder.glob("datasheet.json")):
@@ -197,6 +200,19 @@ def _require_same_parts(earlier: Split, later: Split) -> None:
             f'are of ({named}). A later revision keeps the part of each sample: put "part" back as it '
             f"stands in revision {earlier.revision}, or give the split another name."
         )
+
+
+def _require_parts_in_time(database: Database, split: Split) -> None:
+    """Refuse the first revision with parts once the whole is scored: so its private samples are, too."""
+    with database.read() as session:
+        known = (row for row in list_splits(session) if row.name == split.name)
+        is_first = split.has_parts and not any(row.private_revision for row in known)
+        if is_first and has_sheets(session, split.name):
+            raise SplitUnavailableError(
+                f"Files are scored on all samples of split {split.name!r}, and this revision parts them: "
+                "what would be private is scored before its time. Leave its parts out, or give the parted "
+                "split another name."
+            )
 
 
 def with_drives(split: Split, drives: PlanningSubmission, *, are_public: bool) -> Split:
@@ -322,6 +338,7 @@ def _register(
     floors = splits.floors(split.name)  # refuses what cannot be read
     for earlier in _earlier_revisions(database, splits, split):
         _require_same_parts(earlier, split)
+    _require_parts_in_time(database, split)
     loaded = {part: load_split(split, protocol, part) for part in parts_of(split)}
     parts = {part: each.manifest.revision for part, each in loaded.items() if part is not None}
     with database.read() as session:
