@@ -685,8 +685,8 @@ def test_samples_are_parted_as_the_settings_say_and_stay_so(shop: Path) -> None:
     to_2 = ("--previous", previous, "--words", "One failed.")
     later = split_of(frozen(shop, "3", *to_2))
     assert [it.part for it in later.samples] == [it.part for it in first.samples]
-    told = run("freeze", shop / "frozen" / "6", "-w", shop, *to_2).output
-    assert "warning parts_stay (2): samples of another part than `public_part` says" in told
+    redrawn = run("freeze", shop / "frozen" / "6", "-w", shop, *to_2).output
+    assert "warning parts_stay (2): samples of another part than `public_part` says" in redrawn
     assert "parts_stay" not in run("freeze", shop / "frozen" / "7", "-w", shop).output
     assert run("freeze", shop / "frozen" / "4", "-w", shop, "--auxiliary").exit_code == 0
     set_freeze(shop, f'public_part = ["{ids[20]}"', 'public_part = ["nobody"')
