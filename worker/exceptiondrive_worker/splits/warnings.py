@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from exceptiondrive_schemas.api.phase_settings import SplitPart
 from exceptiondrive_schemas.printable import first_of
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.split import Split
@@ -16,9 +17,9 @@ from exceptiondrive_scoring.arrays import split_arrays
 from exceptiondrive_scoring.split_lint import LintedSplit, LintWarning, lint
 from exceptiondrive_worker.splits.faults import SplitFault
 from exceptiondrive_worker.splits.floors import SplitFloors
-from exceptiondrive_worker.splits.store import parts_of
 
 ADVISED = SplitFloors().min_samples_per_cell
+_PARTS: tuple[SplitPart, ...] = ("public", "private")
 _OF_A_BOARD = frozenset(
     {
         "few_scenes",
@@ -43,7 +44,7 @@ def split_warnings(
     said = {found.what for found in whole}
     of_parts = (
         replace(found, what=f"in the {part} part: {found.what}")
-        for part in parts_of(split)[1:]
+        for part in (_PARTS if split.has_parts else ())
         for found in _lint(split.part(part), protocol, min_samples_per_cell)
         if found.code in _OF_A_BOARD and found.what not in said
     )
@@ -53,10 +54,10 @@ def split_warnings(
 def _in_both_parts(split: Split) -> Iterator[LintWarning]:
     left = [sample for sample in split.samples if sample.withdrawn is None]
     public, private = (
-        {sample.scene_id for sample in left if sample.part == part}
-        for part in ("public", "private")
+        {sample.scene_id for sample in left if sample.part == part} for part in _PARTS
     )
-    ids = tuple(sorted(it.sample_id for it in left if it.scene_id in public & private))
+    both = public & private
+    ids = tuple(sorted(it.sample_id for it in left if it.scene_id in both))
     if ids:
         what = (
             "the scene has samples in both parts: who tunes a planner by the public part has tuned it "
