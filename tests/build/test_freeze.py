@@ -522,6 +522,27 @@ def test_a_revision_in_which_one_sample_of_a_family_changes_alone_is_warned_of(s
     assert f"one sample alone changes in {titles[second]}; on a" in told
 
 
+def test_a_sample_that_changes_alone_in_its_part_is_warned_of(shop: Path) -> None:
+    """A board counts the part: of two that change it tells the one that is of it."""
+    samples = split_of(frozen(shop, "1")).samples
+    with Workshop(shop) as workshop:
+        taxonomy = workshop.protocol.taxonomy
+    family = taxonomy.task(samples[0].task).family
+    ids = [it.sample_id for it in samples if taxonomy.task(it.task).family == family][:4]
+    set_freeze(shop, "public_part = []", f"public_part = {json.dumps(ids[:2])}")
+    frozen(shop, "2")
+    to_2 = ("-w", shop, "--previous", shop / "frozen" / "2" / "split.json.gz", "--words", "x")
+    withdraw(shop, ids[1:3])
+    (title,) = (it.title for it in taxonomy.families if it.id == family)
+    assert (
+        "warning changed_alone (2): one sample alone changes in "
+        f"{title} (public part), {title} (private part); on a"
+    ) in run("freeze", shop / "frozen" / "3", *to_2).output
+    withdraw(shop, [ids[3]])
+    told = run("freeze", shop / "frozen" / "4", *to_2).output
+    assert f"warning changed_alone (1): one sample alone changes in {title} (public part);" in told
+
+
 @pytest.mark.parametrize(
     ("option", "value", "said"),
     [
@@ -667,8 +688,12 @@ def test_samples_are_parted_as_the_settings_say_and_stay_so(shop: Path) -> None:
     set_freeze(shop, f'public_part = ["{ids[0]}"', f'public_part = ["{ids[20]}"')
     withdraw(shop, ids[:1])
     previous = shop / "frozen" / "2" / "split.json.gz"
-    later = split_of(frozen(shop, "3", "--previous", previous, "--words", "One failed."))
+    to_2 = ("--previous", previous, "--words", "One failed.")
+    later = split_of(frozen(shop, "3", *to_2))
     assert [it.part for it in later.samples] == [it.part for it in first.samples]
+    redrawn = run("freeze", shop / "frozen" / "6", "-w", shop, *to_2).output
+    assert "warning parts_stay (2): samples of another part than `public_part` says" in redrawn
+    assert "parts_stay" not in run("freeze", shop / "frozen" / "7", "-w", shop).output
     assert run("freeze", shop / "frozen" / "4", "-w", shop, "--auxiliary").exit_code == 0
     set_freeze(shop, f'public_part = ["{ids[20]}"', 'public_part = ["nobody"')
     told = run("freeze", shop / "frozen" / "5", "-w", shop)
@@ -854,14 +879,40 @@ def test_a_jury_is_a_gate(shop: Path) -> None:
     passed = run(*command)
     assert passed.exit_code == 0, passed.output
     found = {each["method"]: each for each in json.loads(passed.output)["jury"]}
-    assert set(found) == {"FREEZE", "CONSTANT VELOCITY", "SOURCE AS EDITED", "fast"}
+    assert set(found) == {"FREEZE", "CONSTANT VELOCITY", "SOURCE AS EDITED", "fast.json"}
     assert found["FREEZE"]["ur"] == 0
+    (jury / "fast.json.gz").write_bytes(gzip.compress(fast))
     (jury / "parked.json").write_bytes(parked)
     (jury / "slow.json").write_bytes(slow)
     refused = run(*command[:-1])
     assert refused.exit_code == 2
-    assert "jury parked: HCC 100.00, UR 0.00 no moving planner: stands_still, " in refused.output
-    assert "jury slow: HCC 100.00, UR 0.00 OBJECTION: a moving planner has HCC" in refused.output
+    assert "jury fast.json: HCC" in refused.output
+    assert "jury fast.json.gz: HCC" in refused.output, "each file, also of one planner"
+    assert (
+        "jury parked.json: HCC 100.00, UR 0.00 no moving planner: stands_still, " in refused.output
+    )
+    assert (
+        "jury slow.json: HCC 100.00, UR 0.00 OBJECTION: a moving planner has HCC" in refused.output
+    )
+
+
+def test_a_jury_judges_each_part(shop: Path) -> None:
+    """A planner that is perfect on the public part alone would lead the live board."""
+    ids = [sample.sample_id for sample in split_of(frozen(shop, "1")).samples]
+    set_freeze(shop, "public_part = []", f"public_part = {json.dumps(ids[::4])}")
+    jury = shop / "jury"
+    jury.mkdir()
+    speeds = dict.fromkeys(ids, 12.0) | dict.fromkeys(ids[::4], 2.0)
+    (jury / "half.json").write_bytes(planning_file(speeds, split="made-2027"))
+    refused = run("lint", "--workshop", shop, "--jury", jury)
+    assert refused.exit_code == 2
+    said = [line for line in refused.output.splitlines() if line.startswith("jury half.json")]
+    assert ["OBJECTION" in line for line in said] == [False, True, False]
+    assert [line.split(":")[0] for line in said] == [
+        "jury half.json",
+        "jury half.json in the public part",
+        "jury half.json in the private part",
+    ]
 
 
 def test_a_jury_that_is_no_folder_is_named(shop: Path) -> None:

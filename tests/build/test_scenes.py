@@ -429,6 +429,21 @@ def test_scenes_are_read_into_a_workshop_one_keyframe_of_each(made: Path, tmp_pa
                 assert image == given.path(camera).read_bytes()
 
 
+def test_pictures_that_stand_in_several_keyframes_are_counted(set_: Path, tmp_path: Path) -> None:
+    """One keyframe under two names is asked about twice, and counts twice."""
+    first, *rest = read_scenes(set_).spread(1).keyframes
+    copy = first.model_copy(update={"keyframe_id": "copy", "scene_id": "another"})
+    folder = tmp_path / "shop"
+    new_workshop(folder, "made-2027", "0" * 64)
+    for keyframes, n_repeated in ((first, *rest), 0), ((first, *rest, copy), len(first.cameras)):
+        write_scenes(SceneSet(set_, keyframes), set_ / "scenes.jsonl")
+        command = ["scenes", "read", str(set_ / "scenes.jsonl"), "-w", str(folder)]
+        said = CliRunner().invoke(app, command)
+        assert said.exit_code == 0, said.output
+        told = f"{n_repeated} of the pictures stand in several keyframes" in said.output
+        assert told == (n_repeated > 0)
+
+
 def test_signs_that_end_lines_elsewhere_are_words_of_a_description(
     set_: Path, tmp_path: Path
 ) -> None:

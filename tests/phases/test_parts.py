@@ -21,8 +21,9 @@ from exceptiondrive_schemas.datasheet import SplitChange
 from exceptiondrive_schemas.protocol import packaged_protocol
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_worker.sample.files import sample_datasheet
+from exceptiondrive_worker.splits.admin import SplitsRefusedError, add_split_file
 from exceptiondrive_worker.splits.faults import SplitRefusedError
-from exceptiondrive_worker.splits.store import load_split
+from exceptiondrive_worker.splits.store import SplitStore, SplitUnavailableError, load_split
 
 if TYPE_CHECKING:
     from tests.phases.life import Life
@@ -130,6 +131,25 @@ def test_a_later_revision_tells_of_each_part_what_changes_in_it(life: "Life", to
         "1 sample withdrawn: files still answer, none counts",
         "N goes from 2 to 1",
     ]
+
+
+def test_what_is_scored_as_a_whole_gets_no_parts(life: "Life") -> None:
+    """Its private samples were scored before their time."""
+    parted = split_of(SAMPLES, "plain")
+    source, splits = life.worker.private_dir / "new.json", SplitStore(life.worker.splits_dir)
+    source.parent.mkdir(exist_ok=True)
+    source.write_text(parted.model_dump_json(by_alias=True, exclude_none=True))
+    life.make_phase("whole", split="plain")
+    life.submit("alpha", CAREFUL, "Planner", "plain", "whole")
+    life.work()
+    before = splits.files()
+    with pytest.raises(SplitUnavailableError, match="is scored before its time"):
+        add_split_file(life.database, splits, source, packaged_protocol(), "Half is kept.")
+    assert splits.files() == before
+    with pytest.raises(SplitsRefusedError, match="is scored before its time"):
+        add_split(life.database, life.worker.splits_dir, parted, "split-2.json", "Half is kept.")
+    with life.database.read() as session:
+        assert [row.part for row in list_splits(session) if row.name == "plain"] == [None]
 
 
 def test_the_live_board_counts_the_public_part_of_files_that_answer_everything(

@@ -217,16 +217,49 @@ def test_the_synthetic_split_has_one_warning_that_is_meant(
 
 def test_every_warning_is_explained_in_the_documentation() -> None:
     root = Path(__file__).parents[2]
-    source = (root / "worker/exceptiondrive_scoring/split_lint.py").read_text()
+    files = ("exceptiondrive_scoring/split_lint.py", "exceptiondrive_worker/splits/warnings.py")
+    source = "".join((root / "worker" / file).read_text() for file in files)
     codes = set(re.findall(r'(?:found|everything|LintWarning)\(\s*"([a-z_]+)"', source))
     page = (root / "docs/building-a-split.md").read_text()
     rows = [line.split("|")[1] for line in page.splitlines() if line.startswith("| `")]
     explained = {code for cell in rows for code in re.findall(r"`([a-z_]+)`", cell)}
-    assert len(codes) == 19
+    assert len(codes) == 21
     assert {*codes, NO_RECORDED_DRIVE} <= explained
 
 
 # With recorded paths.
+
+
+@pytest.mark.parametrize(
+    ("speed_mps", "is_found"),
+    [pytest.param(8.0, True, id="moves"), pytest.param(0.1, False, id="stands")],
+)
+def test_one_drive_in_several_scenes_is_found(
+    sound: Split, protocol: ProtocolDocument, speed_mps: float, is_found: bool
+) -> None:
+    """Under another scene's name, and with a region a centimetre off; in one scene paths are alike."""
+    own = {
+        it.sample_id: straight(8.0 + row / 50)
+        for row, it in enumerate(sorted(sound.samples, key=lambda it: it.sample_id))
+    }
+    assert "one_drive_in_several_scenes" not in found_in(sound.samples, protocol, own)
+    first = sound.samples[0]
+    x_m, y_m = 0.01, 0.0
+    copy = first.model_copy(
+        update={
+            "sample_id": "copy",
+            "scene_id": "another",
+            "region": tuple((x + x_m, y + y_m) for x, y in first.region),
+        }
+    )
+    same = straight(speed_mps)
+    paths = own | {first.sample_id: same, "copy": same}
+    found = found_in([*sound.samples, copy], protocol, paths).get("one_drive_in_several_scenes")
+    assert (found is not None) == is_found
+    if found is not None:
+        assert set(found.sample_ids) == {first.sample_id, "copy"}
+        of_one = [*sound.samples, copy.model_copy(update={"scene_id": first.scene_id})]
+        assert "one_drive_in_several_scenes" not in found_in(of_one, protocol, paths)
 
 
 def straight(speed_mps: float, bend_per_m: float = 0.0) -> list[list[float]]:

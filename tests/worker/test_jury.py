@@ -44,7 +44,7 @@ def test_the_synthetic_split_stands_before_its_jury(
 ) -> None:
     found = judged(sample_split(), protocol, planners(tmp_path / "files"), tmp_path / "kept")
     assert "FREEZE" in found
-    assert {"late-braker", "careful-follower"} <= set(found)
+    assert {"late-braker.json.gz", "careful-follower.json.gz"} <= set(found)
     assert {name: each.objection for name, each in found.items() if each.objection} == {}
     assert found["FREEZE"].ur == 0
 
@@ -54,8 +54,8 @@ def test_a_split_that_tells_nobody_apart_is_objected_to(
 ) -> None:
     aside = with_regions(sample_split(), (0.0, 60.0))
     found = judged(aside, protocol, planners(tmp_path / "files"), tmp_path / "kept")
-    assert "tells nobody apart" in found["late-braker"].objection
-    assert found["late-braker"].flags == ()
+    assert "tells nobody apart" in found["late-braker.json.gz"].objection
+    assert found["late-braker.json.gz"].flags == ()
     assert found["FREEZE"].objection == ""
 
 

@@ -18,7 +18,7 @@ from exceptiondrive_records.audit.tables import AuditLine
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.splits.splits import find_split, list_splits
 from exceptiondrive_records.submissions.file_store import FileStore
-from exceptiondrive_schemas.datasheet import Datasheet
+from exceptiondrive_schemas.datasheet import Datasheet, SplitChange
 from exceptiondrive_schemas.protocol import packaged_protocol_toml
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_worker import operator_cli
@@ -242,6 +242,33 @@ def test_a_split_is_not_added_over_another_revision_nor_where_it_is_refused(
     file.write_text(bad.model_dump_json(by_alias=True, exclude_none=True))
     assert operate("add-split", str(file))[0] == 2
     assert not (tmp_path / "splits" / "bad").exists()
+
+
+@pytest.mark.parametrize("sheet_says", [True, False])
+def test_the_words_about_a_revision_are_those_of_its_datasheet_or_are_asked_for(
+    operate: Operate, tmp_path: Path, sqlite_url: str, make_split: MakeSplit, sheet_says: bool
+) -> None:
+    held = put(tmp_path, make_split({"a": {}}))
+    operate("register-splits")
+    later = make_split({"a": {"task": "LB1"}})
+    file = tmp_path / "private" / "split.json"
+    file.parent.mkdir()
+    file.write_text(later.model_dump_json(by_alias=True, exclude_none=True))
+    change = SplitChange.between(read_split(held), later, "Another task.")
+    sheet = datasheet_of(later).model_copy(update={"changes": change if sheet_says else None})
+    file.with_name("datasheet.json").write_text(sheet.model_dump_json(by_alias=True))
+    command = ("add-split", str(file))
+    refused = (
+        operate(*command, "--words", "Words of the command.") if sheet_says else operate(*command)
+    )
+    assert refused[0] == 2
+    assert ("'Another task.'. Leave --words out" in refused[2]) == sheet_says
+    assert [path.name for path in held.parent.iterdir()] == [held.name], "nothing was copied"
+    code, _, err = operate(*command) if sheet_says else operate(*command, "--words", change.words)
+    assert (code, err) == (0, "")
+    with Database(sqlite_url).read() as session:
+        row = find_split(session, "tiny")
+        assert (row.revision, row.changes) == (later.revision, change)
 
 
 def put(tmp_path: Path, split: Split) -> Path:

@@ -49,8 +49,9 @@ LEAST_SCENES = 10
 MANY_ALIKE = 4
 LEAST_EXCHANGED = 3
 NEARLY_ALL = 0.95
-LEAST_CONTROL_PATH_M = 2.0
-"""Progress on a shorter path is undefined, and a control is there for its progress."""
+LEAST_PATH_M = 2.0
+"""Progress on a shorter path is undefined, and a control is there for its progress; of cars that hardly
+move paths are alike by chance."""
 _PLAIN_ID = frozenset("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789._:/@#=+-")
 
 
@@ -153,6 +154,12 @@ def lint(
             drives_wrong,
         ),
         *found(
+            "one_drive_in_several_scenes",
+            "the same recorded path stands in samples of several scenes: one scene under several names "
+            "counts as often, and intervals are too narrow",
+            _same_drive(drives, scene),
+        ),
+        *found(
             "x_and_y_exchanged",
             "the region lies aside, and ahead once x and y are exchanged",
             _x_y_exchanged(drives, recorded_m),
@@ -205,9 +212,9 @@ def lint(
         ),
         *found(
             "control_of_a_standing_car",
-            f"the recorded path of a control is under {LEAST_CONTROL_PATH_M:g} m: it has no "
+            f"the recorded path of a control is under {LEAST_PATH_M:g} m: it has no "
             "progress, and tells nothing about over-caution",
-            split.is_control & (drives.recorded_length_m() < LEAST_CONTROL_PATH_M),
+            split.is_control & (drives.recorded_length_m() < LEAST_PATH_M),
         ),
         *everything(
             "few_scenes",
@@ -256,13 +263,28 @@ def _same_in_many(regions_m: FloatArray, scene_index: IntArray) -> BoolArray:
     """Whether a region, to the millimetre and whichever corner is first, stands elsewhere too."""
     corners_mm = np.round(regions_m * 1000)
     order = np.lexsort((corners_mm[..., 1], corners_mm[..., 0]))
-    ordered = np.take_along_axis(corners_mm, order[..., None], axis=1).reshape(len(regions_m), 8)
-    _, which, counts = np.unique(ordered, axis=0, return_inverse=True, return_counts=True)
+    n_scenes, n_samples = _numbers_of_same(
+        np.take_along_axis(corners_mm, order[..., None], axis=1), scene_index
+    )
+    many: BoolArray = (n_scenes > 1) | (n_samples >= MANY_ALIKE)
+    return many
+
+
+def _same_drive(drives: "_Drives", scene_index: IntArray) -> BoolArray:
+    """Whether a recorded path of a car that moves, to the millimetre, stands in other scenes too."""
+    moves: BoolArray = drives.recorded_length_m() >= LEAST_PATH_M
+    n_scenes, _ = _numbers_of_same(np.round(drives.recorded() * 1000), scene_index)
+    return moves & (n_scenes > 1)
+
+
+def _numbers_of_same(points_mm: FloatArray, scene_index: IntArray) -> tuple[IntArray, IntArray]:
+    """In how many scenes, and in how many samples, the points of each sample stand."""
+    rows = points_mm.reshape(len(points_mm), -1)
+    _, which, n_samples = np.unique(rows, axis=0, return_inverse=True, return_counts=True)
     which = which.reshape(-1)
     pairs = np.unique(np.stack([which, scene_index], axis=1), axis=0)
-    n_scenes = np.bincount(pairs[:, 0], minlength=len(counts))
-    many: BoolArray = ((n_scenes > 1) | (counts >= MANY_ALIKE))[which]
-    return many
+    n_scenes = np.bincount(pairs[:, 0], minlength=len(n_samples))
+    return n_scenes[which], n_samples[which]
 
 
 def _x_y_exchanged(drives: "_Drives", recorded_m: FloatArray) -> BoolArray:
@@ -343,7 +365,7 @@ class _Drives:
         self._geometry = geometry
         self._regions = prepare_regions(split.arrays.regions_m)
         self._times_s: FloatArray = np.array(range(geometry.waypoints + 1)) * geometry.time_step_s
-        first_step_m = np.linalg.norm(self._recorded()[:, 1], axis=-1)
+        first_step_m = np.linalg.norm(self.recorded()[:, 1], axis=-1)
         self._speed_mps = first_step_m / geometry.time_step_s
 
     def clearance_m(self, points_m: FloatArray) -> FloatArray:
@@ -354,7 +376,7 @@ class _Drives:
         """Nobody moves."""
         return np.zeros((len(self.split.sample_ids), self._geometry.waypoints + 1, 2))
 
-    def _recorded(self) -> FloatArray:
+    def recorded(self) -> FloatArray:
         """The recorded path; standing where there is none."""
         points_m = self.standing()
         if self.split.arrays.recorded_m is not None:
@@ -364,12 +386,12 @@ class _Drives:
     def of_recorded_m(self, regions_m: FloatArray | None = None) -> FloatArray:
         """Clearance of the recorded path, of other regions if given; NaN where there is none."""
         regions = self._regions if regions_m is None else prepare_regions(regions_m)
-        clearance = clearance_m(self._recorded(), regions, self._geometry)
+        clearance = clearance_m(self.recorded(), regions, self._geometry)
         return np.where(self.split.has_recorded, clearance, np.nan)
 
     def recorded_length_m(self) -> FloatArray:
         """Length of the recorded path, (N,); NaN where there is none."""
-        steps_m = np.linalg.norm(np.diff(self._recorded(), axis=1), axis=-1)
+        steps_m = np.linalg.norm(np.diff(self.recorded(), axis=1), axis=-1)
         return np.where(self.split.has_recorded, steps_m.sum(axis=1), np.nan)
 
     def unheeding_m(self, recorded_m: FloatArray) -> FloatArray:
@@ -387,7 +409,7 @@ class _Drives:
         sideways_mps2 = np.minimum(BRAKE_MPS2, speed_mps**2 / TIGHTEST_TURN_M)[:, None]
 
         def drives() -> Iterator[FloatArray]:
-            for road in (_straight, _Road(self._recorded(), self._geometry).positions_m):
+            for road in (_straight, _Road(self.recorded(), self._geometry).positions_m):
                 yield road(stopping_m, np.zeros_like(stopping_m))
                 for aside_m in SWERVES_M:
                     shift_m = _swerve_m(self._times_s, aside_m, sideways_mps2)

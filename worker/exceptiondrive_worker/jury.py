@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from exceptiondrive_schemas.api.phase_settings import SplitPart
 from exceptiondrive_schemas.base import bytes_digest
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.protocol import ProtocolDocument
@@ -33,7 +34,8 @@ class Verdict:
     """How a member of the jury, a reference row or a file, fares by the average that ranks.
 
     HCC and UR are None where it was not scored. The objection says what is not as expected; with one
-    of the flags it is no moving planner, and nothing is expected of its HCC.
+    of the flags it is no moving planner, and nothing is expected of its HCC. Of a split with parts,
+    each part is judged, too.
     """
 
     method: str
@@ -41,22 +43,23 @@ class Verdict:
     ur: float | None
     objection: str = ""
     flags: tuple[str, ...] = ()
+    part: SplitPart | None = None
 
 
 def files_of_jury(folder: Path) -> dict[str, bytes]:
-    """Files of trajectories in a folder by name: `.json` and `.json.gz`.
+    """Files of trajectories in a folder by file name: `.json` and `.json.gz`.
 
     Raises:
         OSError: The folder cannot be read.
     """
     paths = [path for path in sorted(folder.iterdir()) if path.name.endswith((".json", ".json.gz"))]
-    return {path.name.split(".json")[0]: path.read_bytes() for path in paths}
+    return {path.name: path.read_bytes() for path in paths}
 
 
 def jury(
     split: LoadedSplit, protocol: ProtocolDocument, files: Mapping[str, bytes], folder: Path
 ) -> Iterator[Verdict]:
-    """Score reference rows and files, by the name of their planner, one after the other.
+    """Score reference rows and files, each under its name, one after the other.
 
     What scoring keeps meanwhile in the folder is withheld, and to be removed by the caller.
     """

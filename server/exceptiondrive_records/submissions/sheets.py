@@ -51,6 +51,11 @@ def is_scored(session: Session, name: str, submission_id: str) -> bool:
     return bool(session.scalar(_IS_SCORED, given))
 
 
+def has_sheets(session: Session, name: str) -> bool:
+    """Whether any submission has a sheet of a split, at any revision."""
+    return bool(session.scalar(select(exists().where(_of_split(ScoreSheetRow))), {"split": name}))
+
+
 def scored_within_a_day(session: Session, name: str, now: datetime, *, besides: str) -> int:
     """Count the submissions that got their first sheet of a split in the 24 hours before `now`.
 

@@ -4,7 +4,7 @@ import json as json_module
 import shutil
 import tempfile
 from collections.abc import Iterable
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from itertools import chain
 from pathlib import Path
 from typing import Annotated
@@ -20,6 +20,7 @@ from exceptiondrive_build.freezing.freeze import (
     freeze,
     gzipped,
     not_inspected,
+    parted_otherwise,
     pictures,
     undecided,
 )
@@ -35,6 +36,7 @@ from exceptiondrive_worker.splits.faults import SplitRefusedError, split_faults
 from exceptiondrive_worker.splits.store import (
     SplitUnreadableError,
     load_split,
+    parts_of,
     read_datasheet,
     read_split,
 )
@@ -79,8 +81,14 @@ def lint_split(
     verdicts: list[Verdict] = []
     if jury_folder is not None and not faults:
         with tempfile.TemporaryDirectory() as folder:
-            loaded = load_split(split, protocol)
-            verdicts = list(jury(loaded, protocol, files_of_jury(jury_folder), Path(folder)))
+            files = files_of_jury(jury_folder)
+            verdicts = [
+                replace(verdict, part=part)
+                for part in parts_of(split)
+                for verdict in jury(
+                    load_split(split, protocol, part), protocol, files, Path(folder)
+                )
+            ]
     if json:
         report = check_report(split, faults, warnings)
         typer.echo(json_module.dumps(report | {"jury": [asdict(each) for each in verdicts]}))
@@ -99,7 +107,8 @@ def verdict_line(verdict: Verdict) -> str:
         scores = f" HCC {100 * verdict.hcc:.2f}, UR {100 * verdict.ur:.2f}"
     flags = f" no moving planner: {', '.join(verdict.flags)}" if verdict.flags else ""
     objection = f" OBJECTION: {verdict.objection}" if verdict.objection else ""
-    return f"jury {verdict.method}:{scores}{flags}{objection}"
+    part = f" in the {verdict.part} part" if verdict.part else ""
+    return f"jury {verdict.method}{part}:{scores}{flags}{objection}"
 
 
 def freeze_split(
@@ -119,6 +128,7 @@ def freeze_split(
         sheet_before = _sheet_of(before, previous) if before and previous else None
         frozen = freeze(shop, candidates, before, words, sheet_before)
         n_unseen = not_inspected(shop, candidates, frozen.split)
+        n_otherwise = parted_otherwise(shop, frozen.split)
         n_undecided = undecided(shop, candidates) if before is None else 0
         alone = (
             [] if before is None else changed_alone(before, frozen.split, shop.protocol.taxonomy)
@@ -149,6 +159,11 @@ def freeze_split(
         typer.echo(
             f"warning drives_become_public ({len(frozen.manifest.recorded):,}): the previous revision "
             "withholds the recorded paths, and this one's manifest tells them to everybody"
+        )
+    if n_otherwise:
+        typer.echo(
+            f"warning parts_stay ({n_otherwise:,}): samples of another part than `public_part` says; a "
+            "revision keeps the part of each sample, another draw is a split of another name"
         )
     if alone:
         typer.echo(

@@ -34,6 +34,7 @@ from exceptiondrive_schemas.split import Manifest, Split, SplitSample
 from exceptiondrive_schemas.taxonomy import Taxonomy
 from exceptiondrive_worker.splits.faults import split_faults
 from exceptiondrive_worker.splits.small_jpeg import LONGEST_SIDE_PX, PICTURES, small_jpeg
+from exceptiondrive_worker.splits.store import parts_of
 from exceptiondrive_worker.splits.warnings import split_warnings
 
 EXAMPLE_WIDTH_PX = 640
@@ -176,6 +177,12 @@ def _in_parts(samples: list[SplitSample], public: set[str]) -> Iterator[SplitSam
         yield it.model_copy(update={"part": part}) if public and it.part is None else it
 
 
+def parted_otherwise(workshop: Workshop, split: Split) -> int:
+    """How many samples are of another part than the settings name, where they name public ones."""
+    public = set(workshop.settings.freeze.public_part)
+    return sum((it.part == "public") != (it.sample_id in public) for it in split.samples if public)
+
+
 def _asked_otherwise(
     workshop: Workshop, candidates: Mapping[str, Candidate], sample_ids: list[str]
 ) -> list[str]:
@@ -245,14 +252,19 @@ def _sample(
 
 
 def changed_alone(previous: Split, split: Split, taxonomy: Taxonomy) -> list[str]:
-    """Return the titles of families of which one sample alone counts otherwise than before."""
+    """Return the titles of families of which one sample alone, or one of a part, counts otherwise than before."""
     before, after = ({it.sample_id: it.region for it in each.counted} for each in (previous, split))
     changed = Counter(
-        taxonomy.task(it.task).family
-        for it in previous.samples
+        (taxonomy.task(it.task).family, it.part)
+        for it in split.samples
         if before.get(it.sample_id) != after.get(it.sample_id)
     )
-    return [family.title for family in taxonomy.families if changed[family.id] == 1]
+    return [
+        f"{family.title} ({part} part)" if part else family.title
+        for family in taxonomy.families
+        for part in parts_of(split)
+        if changed[family.id, part] == 1
+    ]
 
 
 def auxiliary(workshop: Workshop, candidates: Mapping[str, Candidate], split: Split) -> Split:

@@ -1,5 +1,6 @@
 """Commands about scenes."""
 
+from collections import Counter
 from pathlib import Path
 from typing import Annotated
 
@@ -61,6 +62,15 @@ def read(
         f"{len(keyframes)} keyframes of {n_scenes} scenes; with {n_tasks} tasks "
         f"{len(keyframes) * n_tasks} combinations"
     )
+    pictures = Counter(
+        image for keyframe in keyframes for image in {camera.image for camera in keyframe.cameras}
+    )
+    n_repeated = sum(n > 1 for n in pictures.values())
+    if n_repeated:
+        typer.echo(
+            f"{n_repeated} of the pictures stand in several keyframes: what is one keyframe under several "
+            "names is asked about, and counts, as often"
+        )
     if n_left_out:
         typer.echo(
             f"{n_left_out} further keyframes of these scenes are left out: --per-scene N takes N of each"

@@ -17,6 +17,7 @@ from exceptiondrive_records.phases.policy import scored_while_open
 from exceptiondrive_records.splits.drawings import find_public_split
 from exceptiondrive_records.splits.splits import list_splits, publish_split, register_split
 from exceptiondrive_records.submissions.file_store import FileStore
+from exceptiondrive_records.submissions.sheets import has_sheets
 from exceptiondrive_schemas.api.phase_settings import SplitPart
 from exceptiondrive_schemas.check.inflate import GZIP_MAGIC
 from exceptiondrive_schemas.datasheet import Datasheet, SplitChange, SplitWarnings
@@ -112,14 +113,15 @@ def add_split_file(
 
     A revision that lies there already, be it the current one or an earlier, changes nothing but its
     datasheet, which is taken anew. The file of an earlier revision stays beside the current one, under
-    a number: what was scored against it can be scored again. Without words for readers no later revision
-    is added.
+    a number: what was scored against it can be scored again. No later revision is added without words for
+    readers, its datasheet's or those given here.
 
     Raises:
         SplitUnreadableError: It is no split, or the datasheet beside it is none, or not this one's.
         SplitRefusedError: It cannot be scored.
         SplitUnavailableError: Another revision lies there, and there are no words about the change,
-            or its samples are others, or of another part.
+            or not those of the datasheet, or its samples are others, or of another part; or it is
+            the first with parts, and some file is scored on the whole.
         FloorsUnreadableError: The floors beside the split cannot be read. Whatever is raised, nothing
             was copied.
     """
@@ -127,34 +129,41 @@ def add_split_file(
     load_split(split, protocol)
     if splits.folder.joinpath(split.name, FLOORS_FILE).exists():
         splits.floors(split.name)  # refuses what cannot be read
-    has_sheet = source.name.startswith("split") and _has_sheet_of(split, source)
+    sheet = _sheet_of(split, source) if source.name.startswith("split") else None
+    said = sheet.changes.words if sheet is not None and sheet.changes is not None else ""
     folder = splits.folder / split.name
     held = [path for path in splits.files() if path.parent == folder]
     same = [path for path in held if read_split(path).revision == split.revision]
     if not same:
-        if held and not words:
+        if held and not words and not said:
             raise SplitUnavailableError(
                 f"{held[0]} holds another revision of split {split.name!r}. To add this one beside "
                 "it, say what readers are told of the change: exceptiondrive-worker add-split "
                 f'{source} --words "..."'
             )
+        if held and words and said and words != said:
+            raise SplitUnavailableError(
+                f"{datasheet_beside(source)} says what readers are told of the change: {said!r}. Leave "
+                "--words out, or freeze the revision with other words"
+            )
         if held:
             current = read_split(held[0])
             _require_same_samples(current, split)
             _require_same_parts(current, split)
+            _require_parts_in_time(database, split)
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)
         number = next(n for n in count(len(held)) if not any(folder.glob(f"*-{n}.*")))
         for path in (*folder.glob("split.json*"), *folder.glob("datasheet.json")):
             path.rename(path.with_name(path.name.replace(".", f"-{number}.", 1)))
         held = same = [folder / f"split.json{'.gz' if _is_gzipped(source) else ''}"]
         _copy(source, held[0])
-    if has_sheet and datasheet_beside(source) != datasheet_beside(same[0]):
+    if sheet is not None and datasheet_beside(source) != datasheet_beside(same[0]):
         _copy(datasheet_beside(source), datasheet_beside(same[0]))
     return _register(database, splits, held[0], protocol, words)
 
 
-def _has_sheet_of(split: Split, source: Path) -> bool:
-    """Whether a datasheet lies beside a split file, which has to be that of the split."""
+def _sheet_of(split: Split, source: Path) -> Datasheet | None:
+    """The datasheet that lies beside a split file, which has to be that of the split."""
     sheet = read_datasheet(source)
     if sheet is not None and (sheet.name, sheet.revision) != (split.name, split.revision):
         raise SplitUnreadableError(
@@ -162,7 +171,7 @@ def _has_sheet_of(split: Split, source: Path) -> bool:
             f"{sheet.revision}, and the split is {split.name!r} at {split.revision}: put its own "
             "beside it, or none"
         )
-    return sheet is not None
+    return sheet
 
 
 def _require_same_samples(earlier: Split, later: Split) -> None:
@@ -191,6 +200,19 @@ def _require_same_parts(earlier: Split, later: Split) -> None:
             f'are of ({named}). A later revision keeps the part of each sample: put "part" back as it '
             f"stands in revision {earlier.revision}, or give the split another name."
         )
+
+
+def _require_parts_in_time(database: Database, split: Split) -> None:
+    """Refuse the first revision with parts once the whole is scored: so its private samples are, too."""
+    with database.read() as session:
+        known = (row for row in list_splits(session) if row.name == split.name)
+        is_first = split.has_parts and not any(row.private_revision for row in known)
+        if is_first and has_sheets(session, split.name):
+            raise SplitUnavailableError(
+                f"Files are scored on all samples of split {split.name!r}, and this revision parts them: "
+                "what would be private is scored before its time. Leave its parts out, or give the parted "
+                "split another name."
+            )
 
 
 def with_drives(split: Split, drives: PlanningSubmission, *, are_public: bool) -> Split:
@@ -316,6 +338,7 @@ def _register(
     floors = splits.floors(split.name)  # refuses what cannot be read
     for earlier in _earlier_revisions(database, splits, split):
         _require_same_parts(earlier, split)
+    _require_parts_in_time(database, split)
     loaded = {part: load_split(split, protocol, part) for part in parts_of(split)}
     parts = {part: each.manifest.revision for part, each in loaded.items() if part is not None}
     with database.read() as session:
@@ -363,7 +386,7 @@ def _changes(
         known = [row.revision for row in list_splits(session) if row.name == split.name]
     if said is not None:
         words, known = said.words, [said.previous]
-    elif sheet is not None or not words or split.revision in known:
+    elif not words or split.revision in known:
         return {}
     files = (read_split(path) for path in splits.files() if path.parent.name == split.name)
     earlier = {each.revision: each for each in files}

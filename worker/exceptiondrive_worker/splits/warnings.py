@@ -3,12 +3,13 @@
 Sample ids of a warning are for the operator's terminal and the workshop, never for the server.
 """
 
-from collections.abc import Sequence
-from dataclasses import asdict
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
 
+from exceptiondrive_schemas.api.phase_settings import SplitPart
 from exceptiondrive_schemas.printable import first_of
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.split import Split
@@ -18,6 +19,17 @@ from exceptiondrive_worker.splits.faults import SplitFault
 from exceptiondrive_worker.splits.floors import SplitFloors
 
 ADVISED = SplitFloors().min_samples_per_cell
+_PARTS: tuple[SplitPart, ...] = ("public", "private")
+_OF_A_BOARD = frozenset(
+    {
+        "few_scenes",
+        "one_task",
+        "few_scenes_of_a_family",
+        "small_cells",
+        "standing_still_suffices",
+    }
+)
+"""Doubts about all that a board counts, which may be a part; the others are about single samples."""
 
 
 def split_warnings(
@@ -25,8 +37,38 @@ def split_warnings(
 ) -> tuple[LintWarning, ...]:
     """Return every doubt about a split that can be scored under this protocol.
 
-    The cells are those that floors allow: as advised, of its own file, or 1 of a public split.
+    What is doubted of a part alone, which a board counts by itself, names the part. The cells are those
+    that floors allow: as advised, of its own file, or 1 of a public split.
     """
+    whole = _lint(split, protocol, min_samples_per_cell)
+    said = {found.what for found in whole}
+    of_parts = (
+        replace(found, what=f"in the {part} part: {found.what}")
+        for part in (_PARTS if split.has_parts else ())
+        for found in _lint(split.part(part), protocol, min_samples_per_cell)
+        if found.code in _OF_A_BOARD and found.what not in said
+    )
+    return (*whole, *_in_both_parts(split), *of_parts)
+
+
+def _in_both_parts(split: Split) -> Iterator[LintWarning]:
+    left = [sample for sample in split.samples if sample.withdrawn is None]
+    public, private = (
+        {sample.scene_id for sample in left if sample.part == part} for part in _PARTS
+    )
+    both = public & private
+    ids = tuple(sorted(it.sample_id for it in left if it.scene_id in both))
+    if ids:
+        what = (
+            "the scene has samples in both parts: who tunes a planner by the public part has tuned it "
+            "to the scene of a private sample"
+        )
+        yield LintWarning("scene_in_both_parts", what, len(ids), ids)
+
+
+def _lint(
+    split: Split, protocol: ProtocolDocument, min_samples_per_cell: int
+) -> tuple[LintWarning, ...]:
     left = [sample for sample in split.samples if sample.withdrawn is None]
     samples = sorted(left, key=lambda sample: sample.sample_id)
     linted = LintedSplit(
