@@ -9,7 +9,7 @@ given and nowhere else.
 
 import asyncio
 import base64
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Annotated, Any, ClassVar, TypeVar
 
@@ -31,6 +31,8 @@ Message = dict[str, Any]
 Answer = TypeVar("Answer", "Completion", "EditedPicture")
 LONGEST_ANSWER = 10
 """A whole answer may take so many times as long as an endpoint may be silent."""
+MAX_ANSWER_BYTES = 256_000_000
+"""Unpacked: more than any picture, where a megabyte can unpack to a gigabyte."""
 _UNKNOWN_SIGNER = ("self-signed", "self signed", "local issuer")
 _HEADERS = frozenset(
     {
@@ -269,13 +271,27 @@ class _Http(openai.DefaultAsyncHttpxClient):
         """Send a request and read the answer.
 
         Raises:
-            _EndlessAnswerError: It did not end in time.
+            _EndlessAnswerError: It did not end in time, or in a size that can be read.
         """
         await self._before(request)
         try:
-            return await asyncio.wait_for(super().send(request, **more), self._longest_s)
+            return await asyncio.wait_for(self._whole(request, more), self._longest_s)
         except asyncio.TimeoutError:
             raise _EndlessAnswerError(request) from None
+
+    async def _whole(self, request: Any, more: Mapping[str, Any]) -> Any:
+        response = await super().send(request, **{**more, "stream": True})
+        body = bytearray()
+        try:
+            async for part in response.aiter_bytes():
+                body += part
+                if len(body) > MAX_ANSWER_BYTES:
+                    raise _EndlessAnswerError(request)
+        finally:
+            await response.aclose()
+        response.headers.pop("content-encoding", None)
+        kind, headers = type(response), response.headers
+        return kind(response.status_code, headers=headers, content=bytes(body), request=request)
 
 
 class Endpoint:
@@ -394,7 +410,8 @@ class Endpoint:
         cause = error.__cause__ or error
         if isinstance(cause, _EndlessAnswerError):
             longest_s = LONGEST_ANSWER * self._settings.timeout_s
-            return NoAnswerError(Reason.TIMEOUT, f"no end of an answer within {longest_s:g} s")
+            within = f"{longest_s:g} s and {MAX_ANSWER_BYTES:,} bytes"
+            return NoAnswerError(Reason.TIMEOUT, f"no end of an answer within {within}")
         if isinstance(error, openai.APITimeoutError):
             return NoAnswerError(Reason.TIMEOUT, "no answer in time, after retries")
         said = self._clean(str(cause)) or type(cause).__name__

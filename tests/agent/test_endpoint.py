@@ -1,6 +1,7 @@
 """How endpoints fail, and what a run does about it."""
 
 import asyncio
+import gzip
 import json
 import threading
 from dataclasses import replace
@@ -10,7 +11,12 @@ import pytest
 from tests.agent.bench import Bench, shade_of
 
 from exceptiondrive_agent.questions import messages
-from exceptiondrive_endpoints.endpoint import Endpoint, EndpointSettings, ModelSettings
+from exceptiondrive_endpoints.endpoint import (
+    MAX_ANSWER_BYTES,
+    Endpoint,
+    EndpointSettings,
+    ModelSettings,
+)
 
 if TYPE_CHECKING:
     from tests.support.chat_endpoint import ChatEndpoint, Reply, Seen
@@ -96,6 +102,19 @@ def test_an_answer_that_comes_byte_by_byte_without_an_end_is_a_timeout(
     slow = ("--timeout-s", "0.4", "--max-retries", "0")
     assert "no end of an answer within 4 s" in bench.report("decide", *slow, exit_code=5)["failure"]
     assert [line["reason"] for line in bench.journal(journal_of(bench)).values()] == ["timeout"]
+
+
+def test_an_answer_that_unpacks_without_an_end_is_left(
+    bench: Bench, endpoint: "ChatEndpoint"
+) -> None:
+    bench.add_samples(1)
+    bomb = gzip.compress(b" " * (MAX_ANSWER_BYTES + 1))
+    endpoint.answer = Sequence(
+        replace(endpoint.says(DECISION), body=bomb, headers={"content-encoding": "gzip"})
+    )
+    report = bench.report("decide", exit_code=5)
+    assert "256,000,000 bytes" in report["failure"]
+    assert (report["failed"], report["requests"]) == ({"timeout": 1}, 1)
 
 
 def test_a_retry_after_that_is_too_long_to_wait_for_is_told(
