@@ -35,6 +35,9 @@ ALIKE = (
     "A\u05dfpha",
     "A\u0627pha",
     "ᴀʟpha",
+    "🅰lpha",
+    "🅐lpha",
+    "\U0001f1e6lpha",
 )
 
 
@@ -103,6 +106,7 @@ def test_no_two_teams_have_names_that_look_alike(
     [
         ("x", "Team 7KQ-2MF"),
         ("x", "TEAM abc–def"),
+        ("x", "Team７KQ-2MF"),
         ("x", "T\u0435am 7KQ - 2MF"),
         ("x", "\u0422eam 7KQ-2MF"),
         ("x", "Team 7\u041aQ-2MF"),
@@ -145,6 +149,15 @@ def test_other_names_of_teams_stay_free(name: str) -> None:
 )
 def test_names_that_differ_to_the_eye_are_two(one: str, other: str) -> None:
     assert skeleton(one) != skeleton(other)
+
+
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [("Waymo", "VVaymo"), ("Oxford", "Øxford"), ("Lodz", "Łodz"), ("Møller", "Moller"),
+     ("Đelta", "Delta"), ("Ħaus", "Haus")],
+)  # fmt: skip
+def test_a_letter_with_a_bar_is_read_without_and_two_v_as_one_w(one: str, other: str) -> None:
+    assert skeleton(one) == skeleton(other)
 
 
 @pytest.mark.parametrize("capital", "ΑАΒВСΕЕΗНΙІКΚМΜΝОΟРΡЅТΤХΧУΥΖϜԌ", ids=ascii)

@@ -25,8 +25,10 @@ _UNSEEN = frozenset(
 """Default_Ignorable_Code_Point of Unicode's DerivedCoreProperties.txt as far as `str.isprintable` lets
 it pass, and the blank braille pattern."""
 _SMALL_CAPITALS = str.maketrans("ᴀʙᴄᴅᴇꜰɢʜɪᴊᴋʟᴍɴᴏᴘꞯʀꜱᴛᴜᴠᴡʏᴢ", "ABCDEFGHIJKLMNOPQRSTUVWYZ")
+_FRAMED = {first + n: ord("A") + n for first in (0x1F150, 0x1F170, 0x1F1E6) for n in range(26)}
+"""Letters in black circles and squares, and those of flags."""
 _PILE = re.compile("mmm")
-_PSEUDONYM = re.compile(r"team +[0-9a-z]{3} *[^0-9a-z ]+ *[0-9a-z]{3}|former +team\b.*")
+_PSEUDONYM = re.compile(r"team *[0-9a-z]{3} *[^0-9a-z ]+ *[0-9a-z]{3}|former +team\b.*")
 """As an anonymous phase names a team (`phases.policy`), and as a forgotten one is called."""
 _WORD = re.compile(r"\w+")
 _SLUG = re.compile(r"[a-z0-9][a-z0-9-]{0,63}")
@@ -135,10 +137,12 @@ def _as_read(name: str) -> str:
     A word that looks Latin as it is written is read so, before case is folded: many a capital of
     another script looks like a Latin one, and its small letter does not.
     """
-    plain = _without_accents(unicodedata.normalize("NFKC", name)).translate(_SMALL_CAPITALS)
+    plain = _without_accents(unicodedata.normalize("NFKC", name.translate(_FRAMED)))
+    plain = plain.translate(_SMALL_CAPITALS)
     folded = _without_accents(_WORD.sub(_as_latin, plain).casefold())
     dashed = ("-" if unicodedata.category(c) == "Pd" else c for c in folded)
-    return "".join(map(_prototype, dashed)).casefold()
+    read = _without_accents("".join(map(_prototype, dashed)))  # a bar through a letter is one, too
+    return read.casefold().replace("vv", "w")
 
 
 def _without_accents(text: str) -> str:
