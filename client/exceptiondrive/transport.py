@@ -180,7 +180,7 @@ def _said_at(response: httpx.Response) -> datetime | None:
     """Return when the server answered, by its own clock; that of this machine may be wrong."""
     try:
         return parsedate_to_datetime(response.headers["date"]).replace(tzinfo=UTC)
-    except (KeyError, ValueError):
+    except (KeyError, ValueError, OverflowError):
         return None
 
 
@@ -214,7 +214,7 @@ def error_of(problem: Problem, wait_s: float | None = None) -> ExceptionDriveErr
 def retry_after_s(response: httpx.Response) -> float | None:
     """Return the seconds of a Retry-After header, or None."""
     value = response.headers.get("retry-after", "")
-    return float(value) if value.isascii() and value.isdigit() else None
+    return min(float(value), 1e9) if value.isascii() and value.isdigit() else None
 
 
 def _again_in(wait_s: float | None) -> str:

@@ -300,7 +300,8 @@ def test_an_answer_that_leads_elsewhere_says_where_and_is_not_followed(
 
 
 @pytest.mark.parametrize(
-    ("wait_s", "told"), [("45", "in 45 s,"), ("181", "in 4 minutes,"), ("", "Wait a little")]
+    ("wait_s", "told"),
+    [("45", "in 45 s,"), ("181", "in 4 minutes,"), ("9" * 400, " minutes,"), ("", "Wait a little")],
 )
 @pytest.mark.parametrize(
     ("status", "code"), [(429, "too_many_requests"), (503, "store_unavailable")]
@@ -316,6 +317,14 @@ def test_who_has_to_wait_longer_than_the_client_does_is_told_how_long(
         client.me()
     assert told in caught.value.advice
     assert caught.value.code == code
+
+
+def test_an_answer_of_a_year_that_no_clock_has_is_read(canned_server: "CannedServer") -> None:
+    date = {"date": "Mon, 30 Nov 2026 10:00:00 +9999999999999999"}
+    canned_server.problem("GET /me", 401, "not_signed_in")
+    canned_server.answers["GET /me"][0][1].update(date)
+    with Client(canned_server.url) as client, pytest.raises(NotSignedInError):
+        client.me()
 
 
 @pytest.mark.parametrize("body", [b"<html>proxy</html>", b'{"detail": "no"}'])
