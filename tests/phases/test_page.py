@@ -180,3 +180,6 @@ def test_a_phase_is_made_like_another_one(life: "Life") -> None:
         assert value in form
     assert "2126" not in form
     assert '<option value="plain" selected>' in form
+    life.change({"visibility": "archived"})
+    form = organizer.get("/organize/phases/new?like=test").text
+    assert ('value="shown" selected' in form, 'value="archived" selected' in form) == (True, False)
