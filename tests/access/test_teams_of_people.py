@@ -516,7 +516,7 @@ def test_one_acts_for_own_teams_alone_and_organizers_do_not_mix(
 
 
 def test_a_form_that_was_opened_for_one_team_does_nothing_for_another(
-    small_site: "Api", person: Open
+    small_site: "Api", person: Open, browse: Browse
 ) -> None:
     """Another tab chooses the other team meanwhile."""
     ada = person(small_site)
@@ -527,6 +527,9 @@ def test_a_form_that_was_opened_for_one_team_does_nothing_for_another(
         for team in (find_team(session, "alpha"), find_team(session, "beta")):
             add_member(session, team, person_id, actor="test")
     ada.sign_in()
+    missing = ada.get("/submissions/of-beta")
+    assert (missing.status_code, 'href="/my/team">For which team' in missing.text) == (404, True)
+    assert "For which team" not in browse(small_site).get("/phases/nowhere").text
     opened = {path: ada.browser.form(path) for path in ("/submit", "/my/tokens")}
     ada.post("/my/team/act-for", {"team": str(beta)}, page="/my/team")
     before = actions(small_site)
