@@ -411,7 +411,7 @@ def test_no_rank_is_awaited_that_the_file_will_not_get() -> None:
     assert "rank awaited" in " ".join(map(str, submission_view(coming, "http://server/x")))
     because = "66.96% of the samples are answered; a rank needs 99%"
     report = CheckReport(
-        challenge="planning",
+        challenge=None,
         split=None,
         n_predictions=1,
         digest="d",

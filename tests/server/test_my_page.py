@@ -127,7 +127,7 @@ def test_no_rank_is_awaited_that_the_file_will_not_get(
     with api.database.write() as session:
         found = session.get_one(Submission, one)
         found.report = CheckReport(
-            challenge="planning",
+            challenge=None,
             split=None,
             n_predictions=1,
             digest="d",
