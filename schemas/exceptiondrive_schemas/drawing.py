@@ -17,6 +17,7 @@ from pydantic import Field
 
 from exceptiondrive_schemas.base import Document, content_digest
 from exceptiondrive_schemas.challenges import PLANNING
+from exceptiondrive_schemas.printable import MINUS
 from exceptiondrive_schemas.protocol import PACKAGED_PROTOCOLS, ProtocolDocument
 from exceptiondrive_schemas.score_sheet import MetricRow, text_with_unit
 from exceptiondrive_schemas.taxonomy import Strategy, Task
@@ -196,7 +197,6 @@ def _span(values: Iterable[float]) -> tuple[float, float]:
 
 CAPTION_KEYS = ("hcc", "hpr", "cts")
 TICK_ROOM_PX = 46
-MINUS = "\u2212"
 
 
 def shapes(sample: SampleDrawing, width: float, height: float) -> str:

@@ -10,6 +10,7 @@ import unicodedata
 from collections.abc import Sequence
 
 REPLACEMENT = "\ufffd"
+MINUS = "\u2212"
 _UNSAFE = re.compile(
     "[\x00-\x08\x0b-\x1f\x7f-\x9f"  # control characters; ESC and CSI steer terminals
     "\u061c\u200b-\u200f\u202a-\u202e\u2060-\u2069\ufeff"  # invisible, or turning the direction

@@ -450,6 +450,25 @@ def test_who_belongs_to_a_team_and_acts_for_none_is_offered_it_and_no_new_one(
         assert words not in page, words
 
 
+def test_who_came_back_to_a_team_reads_nothing_of_having_left_it(
+    small_site: "Api", person: Open
+) -> None:
+    ada = person(small_site)
+    ada.sign_in()
+    with small_site.database.write() as session:
+        person_id = session.scalars(select(Person.id)).one()
+        add_member(session, find_team(session, "alpha"), person_id, actor="test")
+    team_id = small_site.team_ids["alpha"]
+    with small_site.database.write() as session:
+        remove_member(session, team_id, person_id, actor=f"person:{person_id}")
+    assert "You left Alpha on" in ada.get("/my/team").text
+    with small_site.database.write() as session:
+        add_member(session, find_team(session, "alpha"), person_id, actor="test")
+    page = ada.get("/my/team").text
+    assert ">Alpha</button>" in page
+    assert "You left" not in page
+
+
 @pytest.mark.parametrize(
     "path",
     ["/my/team/act-for", "/my/team/invitations", "/my/team/invitations/x/withdraw",
@@ -497,7 +516,7 @@ def test_one_acts_for_own_teams_alone_and_organizers_do_not_mix(
 
 
 def test_a_form_that_was_opened_for_one_team_does_nothing_for_another(
-    small_site: "Api", person: Open
+    small_site: "Api", person: Open, browse: Browse
 ) -> None:
     """Another tab chooses the other team meanwhile."""
     ada = person(small_site)
@@ -508,6 +527,9 @@ def test_a_form_that_was_opened_for_one_team_does_nothing_for_another(
         for team in (find_team(session, "alpha"), find_team(session, "beta")):
             add_member(session, team, person_id, actor="test")
     ada.sign_in()
+    missing = ada.get("/submissions/of-beta")
+    assert (missing.status_code, 'href="/my/team">For which team' in missing.text) == (404, True)
+    assert "For which team" not in browse(small_site).get("/phases/nowhere").text
     opened = {path: ada.browser.form(path) for path in ("/submit", "/my/tokens")}
     ada.post("/my/team/act-for", {"team": str(beta)}, page="/my/team")
     before = actions(small_site)
@@ -556,6 +578,26 @@ def test_a_person_registers_a_team_where_that_is_switched_on(
     small_site.post("/organizer/teams/gamma/approve", "organizer")
     assert ada.browser.submit("a").status_code == 303
     assert "/my/notices/add" in ada.get("/my/notices").text
+
+
+def test_a_person_reads_that_their_registration_was_refused_and_may_register_anew(
+    site: "Api", person: Open
+) -> None:
+    ada = person(site)
+    ada.sign_in()
+    with site.database.write() as session:
+        switch_self_registration(session, True, actor="test")
+    wanted = {"id": "gamma", "name": "Gamma", "note": "Gamma group"}
+    ada.post("/my/team/register", wanted, page="/my/team")
+    why = {"reason": "a second account"}
+    assert site.post("/organizer/teams/gamma/refuse", "organizer", json=why).status_code == 200
+    assert ada.get("/my").headers["location"].startswith("/sign-in")
+    ada.sign_in()
+    page = ada.get("/my/team").text
+    assert "An organizer refused the registration of Gamma on " in page
+    assert "a second account" not in page, "the reason is for organizers alone"
+    assert ada.post("/my/team/register", wanted, page="/my/team").status_code == 303
+    assert "refused" not in ada.get("/my/team").text
 
 
 def test_a_token_of_a_team_does_nothing_in_the_name_of_a_person(

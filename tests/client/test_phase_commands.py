@@ -305,6 +305,9 @@ def test_texts_come_from_files_and_a_phase_is_made_like_another(
     made = json.loads(organize(running, "show", "next", "--json").stdout)
     assert made["page"] == shown(running)["page"]
     assert (made["title"], made["quota_per_day"], made["closes_at"]) == ("Next", 4, None)
+    assert organize(running, "update", "test", "--visibility", "archived").exit_code == 0
+    later = organize(running, "create", "later", "--title", "Later", "--like", "test", "--json")
+    assert json.loads(later.stdout)["visibility"] == "shown"
     missing = organize(running, "update", "next", "--terms", f"@{tmp_path / 'none.md'}")
     assert missing.exit_code == 2
 

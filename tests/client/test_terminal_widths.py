@@ -34,6 +34,7 @@ from exceptiondrive_schemas.api.submission import (
 )
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.challenges import PLANNING
+from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.flags import FLAGS
 from exceptiondrive_schemas.method_facts import Links
 from exceptiondrive_schemas.protocol import packaged_protocol
@@ -410,6 +411,24 @@ def test_a_late_entry_is_told_why_it_takes_no_rank() -> None:
     one = submission(0, "scored", rank=None, is_late=True)
     said = " ".join(str(part) for part in submission_view(one, "http://server/x"))
     assert "came after the deadline, so it holds no rank" in said
+
+
+def test_no_rank_is_awaited_that_the_file_will_not_get() -> None:
+    coming = submission(0, "scored", rank=None, awaits_board=True)
+    assert "rank awaited" in " ".join(map(str, submission_view(coming, "http://server/x")))
+    because = "66.96% of the samples are answered; a rank needs 99%"
+    report = CheckReport(
+        challenge=None,
+        split=None,
+        n_predictions=1,
+        digest="d",
+        size_bytes=1,
+        unranked_because=because,
+    )
+    told = submission(0, "scored", rank=None, awaits_board=True, report=report)
+    assert f"not ranked in phase {told.phase}: {because}" in " ".join(
+        map(str, submission_view(told, "http://server/x"))
+    )
 
 
 def test_a_replaced_run_that_the_board_still_shows_has_its_rank() -> None:

@@ -42,6 +42,14 @@ def test_the_page_shows_everything_that_organizers_write(life: "Life") -> None:
     assert 'href="/phases/test"' in board
 
 
+def test_no_terms_are_to_be_accepted_of_an_archived_phase(life: "Life") -> None:
+    life.make_phase(split="plain", page=TEXTS, policy={"terms_required": True})
+    assert "accept them</a>" in life.get("/phases/test").text
+    life.change({"visibility": "archived"})
+    page = life.get("/phases/test").text
+    assert ("<strong>publish</strong>" in page, "accept them" in page) == (True, False)
+
+
 def test_a_page_without_texts_has_no_empty_sections(life: "Life") -> None:
     life.make_phase(split="plain")
     words = text_of(life.get("/phases/test").text)
@@ -205,3 +213,6 @@ def test_a_phase_is_made_like_another_one(life: "Life") -> None:
         assert value in form
     assert "2126" not in form
     assert '<option value="plain" selected>' in form
+    life.change({"visibility": "archived"})
+    form = organizer.get("/organize/phases/new?like=test").text
+    assert ('value="shown" selected' in form, 'value="archived" selected' in form) == (True, False)

@@ -86,6 +86,10 @@ def test_a_challenge_without_reminder_takes_no_links(world: Any) -> None:
     plain = link(world, "plain", None)
     with pytest.raises(InvalidRecord, match="are not linked: leave out the one without"):
         link(world, "reminded", plain.submission.id)
+    with pytest.raises(
+        InvalidRecord, match="are not linked"
+    ):  # nothing is to be withdrawn for that
+        link(world, "plain", "another")
 
 
 def test_a_withdrawn_submission_is_no_counterpart(strategy_world: Any) -> None:

@@ -16,6 +16,7 @@ from tests.support.documents import digest_of
 from exceptiondrive_records.accounts.tables import Token
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.entries.selection import publish
+from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_schemas.api.phase_settings import PhasePolicy
 from exceptiondrive_server.web import browser_session
@@ -113,6 +114,37 @@ def test_a_name_of_another_method_asks_before_an_entry_goes(
     assert api.get(f"/submissions/{mine}", "alpha").json()["method"] == "Brake gently"
     assert browser.post(page, {**renamed, "replace": "yes"}, page=page).status_code == 303
     assert api.get(f"/submissions/{mine}", "alpha").json()["replaced_by"] == other
+
+
+@pytest.mark.parametrize("freezes_at", ["2026-01-01T00:00:00Z", "between"])
+def test_two_methods_whose_scores_are_kept_back_become_one_only_when_asked(
+    api: "Api", as_problem: Problem, browse: Browse, freezes_at: str
+) -> None:
+    """Nobody is told which of the two stands, nor is it told by whether it is asked."""
+    policy = PhasePolicy(frozen_scores="hidden", run_choice="team")
+    api.phase("frozen", policy=policy)
+    sent = {"phase": "frozen"}
+    one = api.submit("a", method="One", **sent).json()["id"]
+    with api.database.write() as session:
+        at = database_now(session) if freezes_at == "between" else freezes_at
+        phase = session.get_one(Phase, "frozen")
+        phase.policy = PhasePolicy.model_validate({**policy.model_dump(), "freezes_at": at})
+    two = api.submit("b", method="Two", **sent).json()["id"]
+    for each, hcc in ((one, 0.5), (two, 0.25)):
+        api.score(each, hcc=hcc)
+    for renamed, to in ((one, "Two"), (two, "One")):
+        answer = api.request("PATCH", f"/submissions/{renamed}", "alpha", json={"method": to})
+        told = as_problem(answer, 409, "not_confirmed")["detail"]
+        assert "another run of your team" in told
+        assert not any(word in told for word in (one, two, "HCC"))
+    said = api.request("PATCH", f"/submissions/{one}", "alpha", json={"description": "Said."})
+    assert said.status_code == 200, "this brings nothing together"
+    browser, page = signed_in(api, browse), f"/submissions/{one}/edit"
+    asked = browser.post(page, {"method": "Two"}, page=page)
+    assert (asked.status_code, 'name="replace"' in asked.text) == (409, True)
+    assert browser.post(page, {"method": "Two", "replace": "yes"}, page=page).status_code == 303
+    said = api.request("PATCH", f"/submissions/{one}", "alpha", json={"description": "More."})
+    assert said.status_code == 200, "they are one already"
 
 
 def test_a_public_run_is_named_before_another_takes_its_place(

@@ -113,13 +113,17 @@ def test_the_first_paragraph_stands_alone() -> None:
     [
         ("It is on **Friday** now.", "It is on Friday now."),
         ("# Head\n\nA *b* `c`\nd", "Head\n\nA b c\nd"),
-        ("- one\n- [two](https://a.example/x)", "one\n\ntwo (https://a.example/x)"),
+        ("- one\n- [two](https://a.example/x)", "- one\n\n- two (https://a.example/x)"),
+        ("-\n\nafter", "after"),
+        ("3. a\n4. b\n\n   c", "3. a\n\n4. b\n\nc"),
         ("Look [here](https://a.example/here).", "Look here (https://a.example/here)."),
         ("See <https://a.example/> or <a@b.example>", "See https://a.example/ or a@b.example"),
-        ("|a|b|\n|-|-|\n|1|2|", "|a|b|\n|-|-|\n|1|2|"),
+        ("|a|b|\n|-|-|\n|*1*|2|\n||3|", "a | b\n\n1 | 2\n\n | 3"),
         ("```\nx = 1\n```\n\n1 \\* 2 &amp; 3", "x = 1\n\n1 * 2 & 3"),
         ("---", ""),
     ],
 )
-def test_an_inbox_has_the_words_without_their_marks(written: str, plain: str) -> None:
+def test_an_inbox_has_the_words_and_of_their_marks_those_of_items_and_cells(
+    written: str, plain: str
+) -> None:
     assert plain_text(written) == plain

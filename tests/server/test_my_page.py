@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from exceptiondrive_records.participation.allowances import set_allowance
+from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_schemas.api.submission import QueuePlace
+from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_server.submissions import pages
 from exceptiondrive_server.submissions.view import place_words
 
@@ -112,6 +114,31 @@ def test_what_is_not_ranked_says_why(
     assert (seen["unranked_because"], seen["awaits_board"]) == (because, False)
     browser = browse(api, who="alpha")
     assert because in browser.get(f"/submissions/{one}").text
+
+
+def test_no_rank_is_awaited_that_the_file_will_not_get(
+    api: "Api", browse: Callable[..., "TeamBrowser"]
+) -> None:
+    one = api.submit("a").json()["id"]
+    api.score(one)
+    browser, page = browse(api, who="alpha"), f"/submissions/{one}"
+    assert "The next board is being built; the rank is awaited." in browser.get(page).text
+    because = "66.96% of the samples are answered; a rank needs 99%"
+    with api.database.write() as session:
+        found = session.get_one(Submission, one)
+        found.report = CheckReport(
+            challenge=None,
+            split=None,
+            n_predictions=1,
+            digest="d",
+            size_bytes=1,
+            unranked_because=because,
+        )
+    text = browser.get(page).text
+    assert f"The next board is being built, where it has no rank: {because}." in text
+    assert "awaited" not in text
+    (row,) = my_rows(api, browse)
+    assert f"Not ranked: {because}." in row
 
 
 def test_older_submissions_are_offered_right_below_the_list(

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import pytest
 from sqlalchemy import select
 
-from exceptiondrive_records.accounts.people import Identity, welcome_person
+from exceptiondrive_records.accounts.people import Identity, add_member, welcome_person
 from exceptiondrive_records.accounts.tables import BrowserSession, Token
 from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.db.clock import database_now
@@ -70,6 +70,12 @@ def test_a_team_is_made_gets_a_token_once_and_loses_it(
     made = organizer.post(TEAMS, {"id": "gamma", "name": "Gamma"}, page=TEAMS)
     here = f"{TEAMS}/gamma"
     assert made.headers["location"] == f"{here}?done=team_created"
+    assert "None yet: the team cannot do anything." in organizer.get(here).text
+    with api.database.write() as session:
+        ada = welcome_person(session, Identity("https://issuer.example", "ada")).id
+        add_member(session, find_team(session, "gamma"), ada, actor="test")
+    page = organizer.get(here).text
+    assert ("No token yet." in page, "cannot do anything" in page) == (True, False)
     none = organizer.post(f"{here}/tokens", {"name": "desk"}, page=here)
     words = "The token may do nothing yet: tick at least one of submit, read:own, tokens."
     assert (none.status_code, words in none.text) == (400, True)

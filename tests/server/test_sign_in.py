@@ -49,6 +49,7 @@ def test_who_signs_in_first_comes_to_the_address_that_was_asked_for(
     ("who", "sent_to", "back"),
     [
         ("alpha", "/submit", "/submit"),
+        ("alpha", "/submit?phase=dev", "/submit?phase=dev"),
         ("alpha", "/submissions/x/withdraw", "/submissions/x"),
         ("alpha", "/my/team/members/x/remove", "/my/team"),
         ("organizer", "/organize/phases/dev", "/organize/phases/dev"),

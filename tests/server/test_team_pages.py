@@ -59,6 +59,7 @@ def test_the_form_is_for_teams_alone(api: "Api", browse: Open, alpha: "TeamBrows
     assert "data-upload" not in stranger
     assert "/sign-in?back=/submit" in stranger
     assert "data-upload" in alpha.get("/submit").text
+    assert 'action="/submit?phase=dev"' in alpha.get("/submit?phase=dev").text
     organizer = browse(api, who="organizer")
     assert "data-upload" not in organizer.get("/submit").text
 
@@ -77,16 +78,17 @@ def test_an_upload_leads_to_its_page_and_is_the_one_that_the_api_shows(
     api_on_both: "Api", browse: Open
 ) -> None:
     browser = browse(api_on_both, who="alpha")
-    answer = browser.submit("content", description="D", code_url="https://code.test/x")
+    answer = browser.submit("content", description="D\nE", code_url="https://code.test/x")
     assert answer.status_code == 303
     submission_id = answer.headers["location"].removeprefix("/submissions/")
     shown = api_on_both.get(f"/submissions/{submission_id}", "alpha").json()
-    assert (shown["method"], shown["description"]) == ("Planner", "D")
+    assert (shown["method"], shown["description"]) == ("Planner", "D\nE")
     assert shown["links"]["code"] == "https://code.test/x"
     page = browser.get(answer.headers["location"])
     assert page.status_code == 200
     assert page.headers["cache-control"] == "no-store"
     assert shown["file_digest"] in page.text
+    assert '<p class="lede wraps">D\nE</p>' in page.text
 
 
 SLOW = FileProfile(
@@ -372,6 +374,8 @@ def test_what_is_asked_first_waits_for_the_word_of_its_team(
         assert words in page, words
     assert re.search(r"Confirm it until \d\d? [A-Z][a-z]{2} 20\d\d, \d\d:\d\d UTC, or", page)
     assert "<title>Planner, not confirmed: ExceptionDrive</title>" in page
+    organizers = browse(api, who="organizer").get("/organize/submissions").text
+    assert re.findall(r'class="badge st [^>]*>([^<]+)<', organizers) == ["not confirmed"]
     renamed = api.submit("a", method="Other", asks_first="true")
     assert "that submission waits for your word, no quota was spent" in renamed.json()["detail"]
     listed = alpha.get("/my").text

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
 from exceptiondrive_schemas.challenges import Challenge, Metric
-from exceptiondrive_schemas.printable import one_line
+from exceptiondrive_schemas.printable import MINUS, one_line
 from exceptiondrive_schemas.protocol import PublicationSection
 from exceptiondrive_schemas.score_sheet import Interval, MetricRow, metric_text, text_with_unit
 
@@ -76,12 +76,13 @@ def _words(challenge: Challenge | None, standing: "Standing | None") -> list[str
 
 
 def effect_words(challenge: Challenge, changes: MetricRow) -> Iterator[str]:
-    """Yield what a reminder changed: `by the reminder Accuracy +7.50 %`."""
+    """Yield what a reminder changed, of shares in points: `by the reminder Accuracy +7.50 points`."""
     for key, value in changes.items():
         if value is not None:
             metric = challenge.metric(key)
-            sign = "+" if value >= 0 else ""
-            yield f"by the reminder {metric.label} {sign}{text_with_unit(metric, value)}"
+            text = f"{'+' if value >= 0 else MINUS}{metric_text(metric, abs(value))}"
+            unit = "points" if metric.unit == "fraction" else "m"
+            yield f"by the reminder {metric.label} {text} {unit}"
 
 
 def _range(

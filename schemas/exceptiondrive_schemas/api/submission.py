@@ -144,6 +144,11 @@ class SubmissionView(Document):
         """Whether its file is sound, and its team has to say yes before it counts."""
         return self.status is SubmissionStatus.REJECTED and self.confirm_until is not None
 
+    @property
+    def no_rank_to_come(self) -> str | None:
+        """Why the board that it awaits will give it no rank, where its file tells that."""
+        return self.report.unranked_because if self.awaits_board and self.report else None
+
 
 class SubmissionPage(Document):
     """A page of submissions, newest first; `next` continues it."""

@@ -137,6 +137,8 @@ def _fit(text: str | None, max_length: int) -> str | None:
 INVITATION_LIFETIME = timedelta(days=7)
 MAX_MEMBERS = 50
 MAX_OPEN_INVITATIONS = 20
+REGISTRATION_REFUSED = "registration refused"
+"""Of a team to which a person belonged, who is the subject."""
 MAX_INVITATIONS_A_DAY = 100
 """Each leaves a row and audit lines for ever, however soon it is withdrawn."""
 _NO_INVITATION = secret_digest("no such invitation")
@@ -228,15 +230,23 @@ def remove_member(session: Session, team_id: int, person_id: str, *, actor: str)
     withdraw_invitations_of(session, f"person:{person_id}", of_team, actor=actor)
 
 
-def removal_of(session: Session, person_id: str) -> tuple[AuditLine, Team] | None:
-    """Return the last time that a person left a team, or was taken out of it, and the team.
+def removal_of(session: Session, person_id: str) -> tuple[AuditLine, str] | None:
+    """Return the last line of how a person lost a team, and its name; None if they joined one since.
 
-    Only lines about teams are looked at, by their index: those of submissions are many.
+    They left it, were taken out of it, or its registration was refused. Only lines about teams and the
+    person are looked at, by their index: those of submissions are many.
     """
-    lines = select(AuditLine, Team).join(Team, Team.slug == AuditLine.subject)
+    lines = select(AuditLine, Team.name).join(Team, Team.slug == AuditLine.subject)
     found = session.execute(lines.where(AuditLine.action == "member removed"))
-    own = [(line, team) for line, team in found if line.detail["person"] == person_id]
-    return max(own, key=lambda each: each[0].id, default=None)
+    own = [(line, name) for line, name in found if line.detail["person"] == person_id]
+    is_theirs = (AuditLine.subject == person_id, AuditLine.action == REGISTRATION_REFUSED)
+    own += [
+        (line, line.detail["name"]) for line in session.scalars(select(AuditLine).where(*is_theirs))
+    ]
+    last = max(own, key=lambda each: each[0].id, default=None)
+    joined = select(func.max(Membership.joined_at)).where(Membership.person_id == person_id)
+    joined_at = session.scalar(joined)
+    return last if last is None or joined_at is None or joined_at < last[0].at else None
 
 
 def open_invitations(session: Session, team_id: int) -> list[Invitation]:

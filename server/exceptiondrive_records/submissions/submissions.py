@@ -93,16 +93,10 @@ def require_counterpart(
         )
 
 
-def require_same_link(first: Submission, linked_to: str | None) -> None:
-    """Refuse the same bytes with another link: a record is never changed behind its team's back.
-
-    Raises:
-        Conflict: The first submission of the bytes has another link, or none.
-    """
-    if linked_to in (None, first.linked_to):
-        return
+def _linked_otherwise(first: Submission) -> Conflict:
+    """Refuse the same bytes with another link: a record is never changed behind its team's back."""
     link = "without a link" if first.linked_to is None else f"linked to {first.linked_to!r}"
-    raise Conflict(
+    return Conflict(
         f"The same bytes were submitted before, as {first.id!r}, {link}: that submission stands, no "
         "quota was spent. To link them anew, withdraw it and submit again."
     )
@@ -377,7 +371,9 @@ def require_acceptable(
     first = _same_upload(session, team.id, phase, file_digest, idempotency_key, now)
     first = first or same_bytes(session, team.id, phase.id, file_digest)
     if first is not None and not _gives_way(first, now, asks_first=asks_first):
-        require_same_link(first, linked_to)
+        if linked_to not in (None, first.linked_to):
+            require_counterpart(session, team.id, phase, linked_to)
+            raise _linked_otherwise(first)
         return first, None
     require_terms(session, team.id, phase)
     quota = quota_of(session, team.id, phase)

@@ -8,6 +8,7 @@ from ipaddress import IPv6Address, ip_address, ip_network
 from sqlalchemy import ColumnElement, ForeignKey, delete, exists, func, select
 from sqlalchemy.orm import Session
 
+from exceptiondrive_records.accounts.people import REGISTRATION_REFUSED, members_of
 from exceptiondrive_records.accounts.tables import Token
 from exceptiondrive_records.accounts.tokens import TEAM_SCOPES, issue_token
 from exceptiondrive_records.audit.log import audit
@@ -112,7 +113,7 @@ def list_teams(session: Session) -> list[Team]:
 def refuse_team(session: Session, slug: str, *, reason: str, actor: str) -> None:
     """Refuse a team that waits for approval: its id and name are free again, its tokens gone.
 
-    Only an audit line stays. Whatever table comes to hold something of a team is emptied of it
+    Only audit lines stay: its own, and one of each member, who reads of it. Whatever table comes to hold something of a team is emptied of it
     too, and of what hangs on that, since its foreign keys say so; but for the tables of which the
     server may delete nothing, whose rows keep the team.
 
@@ -124,6 +125,8 @@ def refuse_team(session: Session, slug: str, *, reason: str, actor: str) -> None
     team = find_team(session, slug, lock=True)
     if team.pending_since is None:
         raise Conflict("The team is approved; only a team that waits for approval can be refused.")
+    for person, _ in members_of(session, team.id):
+        audit(session, actor, REGISTRATION_REFUSED, person.id, {"name": team.name})
     detail = {"reason": checked_reason(reason), "name": team.name}
     audit(session, actor, "team refused", slug, detail)
     deletable = rights_of(Role.API)

@@ -7,13 +7,13 @@ from typing import NamedTuple
 
 from exceptiondrive_schemas.board import Board, BoardEntry, FamilyHead, PairedComparison
 from exceptiondrive_schemas.challenges import Challenge, Metric
-from exceptiondrive_schemas.printable import counted
+from exceptiondrive_schemas.printable import MINUS, counted
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.score_sheet import Interval, PairedDifference, ScoreSheet
 from exceptiondrive_server.boards.charts import labels_of
 from exceptiondrive_server.boards.entry_facts import challenge_of, entry_key, flags_of, is_barred
 from exceptiondrive_server.boards.table import short_title
-from exceptiondrive_server.web.numbers import MINUS, Digits, listed, percent, unit_of
+from exceptiondrive_server.web.numbers import Digits, listed, percent, unit_of
 from exceptiondrive_server.web.templating import template_filter
 
 MAX_COMPARED = 6

@@ -218,8 +218,10 @@ def show_new(
         whole = whole_split(session, phase.split_name, phase.split_revision)
     made_of = {"challenge": phase.challenge, "split": whole.name, "split_revision": whole.revision}
     made_of["protocol"] = protocol
-    dates = dict.fromkeys((f.name for f in SETTINGS if f.kind == "moment"), "")
-    return _new(browser, {**texts, **made_of, **dates, "position": ""})
+    anew = dict.fromkeys((f.name for f in SETTINGS if f.kind == "moment"), "") | {"position": ""}
+    if phase.visibility == "archived":
+        anew["visibility"] = "shown"
+    return _new(browser, {**texts, **made_of, **anew})
 
 
 @router.post("/new")

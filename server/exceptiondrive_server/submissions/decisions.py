@@ -16,7 +16,7 @@ from exceptiondrive_records.boards.standings import replacements
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import NotConfirmed
 from exceptiondrive_records.notifications.inbox import tell_about
-from exceptiondrive_records.phases.policy import is_published
+from exceptiondrive_records.phases.policy import is_late, is_published, score_kept_back_since
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.edits import edits_of
 from exceptiondrive_records.submissions.submissions import confirm, find_submission
@@ -32,6 +32,10 @@ from exceptiondrive_server.web.services import Services
 _OFF_THE_BOARD = (
     "The next boards leave it out; earlier ones keep what they showed, and a frozen board goes on "
     "showing it until it is revealed."
+)
+_ONE_OF_TWO = (
+    "It comes together with another run of your team, and one of the two stands: which, is told when the "
+    "organizers reveal the board."
 )
 
 
@@ -67,7 +71,8 @@ def decide(
     session, the id, and `actor`. Without `replace` it may take no entry of the team off the board.
 
     Raises:
-        NotConfirmed: It does; the sentence names the entry, to who may read it. Nothing was changed.
+        NotConfirmed: It does; the sentence names the entry, to who may read it. Or it may, as scores are
+            kept back. Nothing was changed.
         NotAllowed: The token, or the place in the team, ended since the request began.
         NotFound: The team has no such submission.
         ApiProblem: It acts for no team.
@@ -78,7 +83,10 @@ def decide(
         submission = find_submission(session, submission_id, team_id=team_id)
         method, before = submission.method, _decided(submission)
         standing = {} if replace else _standing(session, submission)
+        rivals = set() if replace else _hidden_rivals(session, submission)
         what(session, submission_id, actor=principal.actor)
+        if not replace and not _hidden_rivals(session, submission) <= rivals:
+            raise NotConfirmed(_ONE_OF_TWO)
         if gone := standing and standing.keys() - _standing(session, submission).keys():
             may_read = Scope.READ_OWN in principal.scopes
             named = " and ".join(entry_words(standing[each]) for each in sorted(gone))
@@ -92,15 +100,41 @@ def _standing(session: Session, submission: Submission) -> dict[str, SubmissionV
     """Return the entries of its team that stand in its phase, by their ids; who publishes another waits."""
     hold_team(session, submission.team_id)
     phase = session.get_one(Phase, submission.phase_id)
+    public = _public(session, submission, phase)
+    replaced = replacements(session, phase, public, database_now(session))
+    standing = [each for each in public if each.id not in replaced]
+    return {each.id: each for each in views(session, standing)}
+
+
+def _hidden_rivals(session: Session, submission: Submission) -> set[str]:
+    """Return the runs with which it shares a place on the board, where a score of the two is kept back.
+
+    `replacements` leaves them out: which of the two stands may tell which is the better.
+    """
+    phase, now = session.get_one(Phase, submission.phase_id), database_now(session)
+    public = _public(session, submission, phase)
+    shows_one = phase.policy.entries_shown == "chosen" and not is_late(phase, submission)
+    is_hidden = {each: score_kept_back_since(phase, each, now) is not None for each in public}
+    if submission not in is_hidden:
+        return set()
+    return {
+        each.id
+        for each in public
+        if each is not submission
+        and (shows_one or each.method == submission.method)
+        and is_late(phase, each) == is_late(phase, submission)
+        and (is_hidden[each] or is_hidden[submission])
+    }
+
+
+def _public(session: Session, submission: Submission, phase: Phase) -> list[Submission]:
+    """Return the scored runs of its team in the phase that are public."""
     query = select(Submission).where(
         Submission.team_id == submission.team_id,
         Submission.phase_id == phase.id,
         Submission.status == SubmissionStatus.SCORED,
     )
-    scored = session.scalars(query).all()
-    replaced = replacements(session, phase, scored, database_now(session))
-    standing = [each for each in scored if is_published(phase, each) and each.id not in replaced]
-    return {each.id: each for each in views(session, standing)}
+    return [each for each in session.scalars(query) if is_published(phase, each)]
 
 
 def _decided(submission: Submission) -> tuple[datetime | None, datetime | None]:

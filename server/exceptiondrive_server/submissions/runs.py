@@ -157,10 +157,10 @@ def _note(one: SubmissionView) -> str:
         return f"The file is wrong: {counted(one.report.n_faults, 'fault')}. No quota was spent."
     if one.failure is not None:
         return one.failure.message
+    if because := one.no_rank_to_come or one.unranked_because:
+        return f"Not ranked: {because}."
     if one.awaits_board:
         return "Rank awaited: the next board is being built."
-    if one.unranked_because is not None:
-        return f"Not ranked: {one.unranked_because}."
     if one.score_kept_back_since is not None:
         return "The score is shown when the board is revealed."
     return ""

@@ -139,7 +139,9 @@ def policy_sentences(
     if seen.replaced_by is not None:
         again = "" if has_closed else "; withdraw that one, and this one stands again"
         yield f"Submission {seen.replaced_by} takes its place{again}."
-    if seen.awaits_board:
+    if because := seen.no_rank_to_come:
+        yield f"The next board is being built, where it has no rank: {because}."
+    elif seen.awaits_board:
         yield "The next board is being built; the rank is awaited."
     if seen.unranked_because is not None:
         yield f"It has no rank: {seen.unranked_because}."

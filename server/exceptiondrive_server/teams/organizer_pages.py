@@ -220,7 +220,8 @@ def refusal_of(services: ServicesOf, team_id: TeamId) -> Step:
         team,
         title=f"Refuse {team.name}",
         meaning="The team and its tokens are removed; its id and name are free again. The reason "
-        "stays in the audit log. The team is not told: write to them if you wish.",
+        "stays in the audit log. A person who signs in reads that it was refused, not why: write to "
+        "them if you wish.",
         button="Refuse",
         fields=(REASON,),
         command=f'exceptiondrive organizer teams refuse {team.slug} --reason "…"',

@@ -271,7 +271,7 @@ def _page_of(request: Request) -> str:
     while path:
         looked_at = {**request.scope, "method": "GET", "path": path}
         if any(route.matches(looked_at)[0] is Match.FULL for route in request.app.routes):
-            return path
+            return _looked_at(request) if path == request.url.path else path
         path = path.rpartition("/")[0]
     return "/my"
 

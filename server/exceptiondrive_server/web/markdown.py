@@ -19,7 +19,7 @@ _TAGS = {
 _DEEPEST = 6
 
 
-_WITHOUT_TABLES = MarkdownIt("commonmark", {"html": False})
+_FOR_INBOXES = MarkdownIt("commonmark", {"html": False}).enable("table")
 _MARKDOWN = MarkdownIt("commonmark", {"html": False}).enable(["table", "strikethrough"])
 _MARKDOWN.disable("image")  # a picture of another host tells it who reads
 
@@ -62,10 +62,25 @@ def first_paragraph(text: str) -> Markup:
 
 
 def plain_text(text: str) -> str:
-    """Return a text in Markdown as plain paragraphs, for inboxes and mails; tables stay as they are written."""
-    tokens = _WITHOUT_TABLES.parse(text)
-    blocks = (_plain(one.children) if one.children else one.content.strip() for one in tokens)
-    return "\n\n".join(filter(None, blocks))
+    """Return a text in Markdown as plain paragraphs, for inboxes and mails: so is each item and each row."""
+    blocks: list[str] = []
+    mark = ""
+    cells: list[str] | None = None
+    for one in _FOR_INBOXES.parse(text):
+        words = _plain(one.children) if one.children else one.content.strip()
+        if one.type.startswith("list_item"):
+            mark = f"{one.info}{one.markup} " if one.nesting == 1 else ""
+        elif one.type == "tr_open":
+            cells = []
+        elif one.type == "tr_close":
+            blocks.append(" | ".join(cells or ()))
+            cells = None
+        elif cells is not None and one.type == "inline":
+            cells.append(words)
+        elif words:
+            blocks.append(mark + words)
+            mark = ""
+    return "\n\n".join(blocks)
 
 
 def _plain(tokens: list[Token]) -> str:

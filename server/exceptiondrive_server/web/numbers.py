@@ -8,11 +8,10 @@ from datetime import UTC, datetime
 from functools import cached_property, lru_cache, partial
 
 from exceptiondrive_schemas.challenges import Metric
-from exceptiondrive_schemas.printable import counted, decimal_text
+from exceptiondrive_schemas.printable import MINUS, counted, decimal_text
 from exceptiondrive_schemas.protocol import PublicationSection
 from exceptiondrive_schemas.score_sheet import Interval
 
-MINUS = "\u2212"
 THIN_SPACE = "\u202f"
 DASH = "\u2013"
 MUCH_NEARER = 1.5

@@ -68,7 +68,7 @@ PROBLEMS: Mapping[ProblemCode, ProblemKind] = {
         2,
         in_browser=(
             "Check the address.",
-            "If it belongs to a team, sign in as somebody of that team.",
+            "If it belongs to a team, sign in as somebody of that team; who is in several acts for one at a time.",
             "Otherwise start again from the leaderboard.",
         ),
     ),

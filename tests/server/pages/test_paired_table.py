@@ -3,9 +3,10 @@
 from typing import Any
 
 from exceptiondrive_schemas.board import Board, PairedComparison
+from exceptiondrive_schemas.printable import MINUS
 from exceptiondrive_schemas.score_sheet import PairedDifference
 from exceptiondrive_server.boards.comparison import Comparison
-from exceptiondrive_server.web.numbers import MINUS, Digits
+from exceptiondrive_server.web.numbers import Digits
 
 SURE = PairedDifference(
     difference=0.0409, interval=(0.0112, 0.0713), discordant=0.3083, verdict="Kestrel-2 is better"

@@ -243,11 +243,15 @@ def setting_document(model: type[Document], given: Mapping[str, Any]) -> dict[st
 
 
 def _undated(phase: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the settings of a phase that another may take over: all but dates and position."""
+    """Return the settings of a phase that another may take over: all but dates, position, and being archived."""
     known = PhaseSettings.model_validate(phase, extra="ignore")
     fields = [field for field in fields_of(PhaseSettings) if field.kind != "moment"]
     document = document_of(fields, values_of(fields, known))
-    return {key: value for key, value in document.items() if key != "position"}
+    return {
+        key: value
+        for key, value in document.items()
+        if key != "position" and (key, value) != ("visibility", "archived")
+    }
 
 
 def _merged(document: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
