@@ -195,7 +195,7 @@ def test_every_further_row_has_been_weighed(oracle: "Oracle") -> None:
         told = Rounding(challenge, protocol.publication).sheet(exact)
         for name, row in told.extra.items():
             (made_of,) = (it for key, it in FURTHER_ROWS.items() if name.startswith(key))
-            if made_of == SOME and row["n"] < 100:
+            if made_of == SOME and (row["n"] or 0) < 100:
                 assert set(row.values()) == {row["n"], None}, name
             assert made_of == SOME or "n" not in row, name
     assert told.extra["reminder"]["n"] == 1
