@@ -53,12 +53,12 @@ def test_confusion_is_printed_as_counts_and_reminder_scores_as_shares() -> None:
         {
             "confusion_CD": {"n": 3.0, "A": 1.0, "C": 2.0},
             "confusion_C": {"n": 1.0, "A": 1.0, "C": 0.0},
-            "reminder": {"given": 1.0, "presence_recall": None},
+            "reminder": {"n": 3.0, "given": 1.0, "presence_recall": None},
         }
     )
     start = lines.index("n A C")
     assert lines[start + 1 : start + 3] == ["confusion C 1 1 0", "confusion CD 3 1 2"]
-    assert lines[start + 3 : start + 5] == ["given presence recall", "reminder 100.00% none"]
+    assert lines[start + 3 : start + 5] == ["n given presence recall", "reminder 3 100.00% none"]
 
 
 def test_answers_without_a_source_are_not_called_edited() -> None:

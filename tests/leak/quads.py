@@ -1,7 +1,7 @@
-"""Reads whole regions from published sheets alone: one sample of each task, or one after the other.
+"""Reads whole regions from published sheets alone: of one sample of each task, or of one or two by the totals.
 
 The attacker knows the labels, answers nothing but the samples that are read, and searches the
-rectangle that says what was published (differential evolution); the next path is the one about
+rectangles that say what was published (differential evolution); the next path is the one about
 which the rectangles found so far differ most.
 """
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from tests.leak.oracle import Oracle
 
 FloatArray = NDArray[np.float64]
-METRICS = ("hcc", "ur", "hpr")
+METRICS = ("ur", "hpr", "hcc")
 N_GUESSES, N_PATHS, N_GENERATIONS, N_LAST = 48, 40, 25, 300
 LEAST = np.array([3.0, -14.0, 0.4, 0.4, -np.pi / 2])
 """Of a rectangle: middle ahead and to the left, half its sides in metres, its heading."""
@@ -32,8 +32,8 @@ MOST = np.array([60.0, 14.0, 6.0, 3.0, np.pi / 2])
 
 
 def quads(guesses: FloatArray) -> Any:
-    """Return rectangles (N, 5) as polygons (N,)."""
-    x, y, length, width, heading = guesses.T[..., None]
+    """Return rectangles (..., 5) as polygons (...)."""
+    x, y, length, width, heading = np.moveaxis(guesses, -1, 0)[..., None]
     ahead = np.array([1, 1, -1, -1]) * np.abs(length)
     left = np.array([1, -1, -1, 1]) * np.abs(width)
     cos, sin = np.cos(heading), np.sin(heading)
@@ -42,61 +42,73 @@ def quads(guesses: FloatArray) -> Any:
 
 
 @dataclass
-class Victim:
-    """One region that is read: what was asked of it, what was said, what it may be."""
+class Victims:
+    """K regions that are read together: what was asked of them, what was said, what they may be.
 
-    row: int
-    d_safe_m: float
+    Attributes:
+        rows: Their samples.
+        d_safe_m: (K,).
+        factors: Of the required clearances under which HCC is told; the first is 1.
+        shares: (M, K) what of each sample's value is in each of M means, in roundings.
+    """
+
+    rows: Sequence[int]
+    d_safe_m: FloatArray
+    factors: tuple[float, ...]
+    shares: FloatArray
     chance: np.random.Generator
     tubes: list[Any] = field(default_factory=list)
     seen: list[FloatArray] = field(default_factory=list)
     guesses: FloatArray = field(init=False)
 
     def __post_init__(self) -> None:
-        self.guesses = self.chance.uniform(LEAST, MOST, (4 * N_GUESSES, 5))
+        self.guesses = self._any(4 * N_GUESSES)
 
-    def values(self, polygons: Any, tube: Any) -> FloatArray:
-        """What each rectangle would say; (3, N) in the order of `METRICS`."""
-        clearance_m = shapely.distance(polygons, tube)
+    def told(self, guesses: FloatArray, tubes: Any) -> FloatArray:
+        """What rectangles (N, K, 5) would say, in roundings: (N, M, 3 or more), as `Attack` reads it."""
+        clearance_m = shapely.distance(quads(guesses), tubes)
         hit = clearance_m <= 0
-        required_m = np.full(len(hit), self.d_safe_m)
-        hcc = clearance_compliance(clearance_m, hit, required_m)
-        return np.array([hcc, hit, proximity_response(clearance_m, hit, required_m)])
+        required_m = np.broadcast_to(self.d_safe_m, hit.shape)
+        values = [~hit, proximity_response(clearance_m, hit, required_m)]
+        values += [clearance_compliance(clearance_m, hit, f * required_m) for f in self.factors]
+        told: FloatArray = np.einsum("mk,qnk->nmq", self.shares, np.array(values, dtype=np.float64))
+        return told
 
-    def errors(self, guesses: FloatArray, tolerance: float) -> FloatArray:
-        """How much what was published contradicts each rectangle, in roundings."""
-        polygons = quads(guesses)
-        sides_m = guesses[:, 2:4]  # of two that say the same, the usual one
-        total: FloatArray = 1e-3 * np.abs(sides_m - 1.0).sum(axis=1)
-        for tube, said in zip(self.tubes, self.seen, strict=True):
-            gap = np.abs(self.values(polygons, tube) - said[:, None]) / tolerance
-            total += np.log1p(np.maximum(gap - 0.5, 0.0)).sum(0)
+    def errors(self, guesses: FloatArray) -> FloatArray:
+        """How much what was published contradicts each guess, in roundings."""
+        sides_m = guesses[..., 2:4]  # of two that say the same, the usual one
+        total: FloatArray = 1e-3 * np.abs(sides_m - 1.0).sum(axis=(1, 2))
+        for tubes, said in zip(self.tubes, self.seen, strict=True):
+            gap = np.abs(self.told(guesses, tubes) - said)
+            total += np.log1p(np.maximum(gap - 0.5, 0.0)).sum(axis=(1, 2))
         return total
 
-    def search(self, tolerance: float, n_generations: int) -> None:
-        """Let rectangles that contradict what was published give way to ones that do less."""
-        fresh = self.chance.uniform(LEAST, MOST, (N_GUESSES, 5))
-        self.guesses = np.concatenate([self.guesses, fresh])
-        errors = self.errors(self.guesses, tolerance)
+    def search(self, n_generations: int) -> None:
+        """Let guesses that contradict what was published give way to ones that do less."""
+        self.guesses = np.concatenate([self.guesses, self._any(N_GUESSES)])
+        errors = self.errors(self.guesses)
         for _ in range(n_generations):
             one, two, three = (self.chance.permutation(len(errors)) for _ in range(3))
             best = self.guesses[np.argmin(errors)]
-            base = np.where(self.chance.random((len(errors), 1)) < 0.3, best, self.guesses[one])
-            factor = self.chance.uniform(0.3, 0.9, (len(errors), 1))
+            is_best = self.chance.random((len(errors), 1, 1)) < 0.3
+            base = np.where(is_best, best, self.guesses[one])
+            factor = self.chance.uniform(0.3, 0.9, (len(errors), 1, 1))
             tried = base + factor * (self.guesses[two] - self.guesses[three])
             tried += self.chance.normal(0, 1e-3, tried.shape)
             keeps = self.chance.random(tried.shape) < 0.3
             tried = np.clip(np.where(keeps, self.guesses, tried), LEAST, MOST)
-            found = self.errors(tried, tolerance)
+            found = self.errors(tried)
             is_better = found < errors
             self.guesses[is_better], errors[is_better] = tried[is_better], found[is_better]
         order = np.argsort(errors)[: 2 * N_GUESSES]
         self.guesses = self.guesses[order]
 
-    def iou(self, region_m: FloatArray) -> float:
-        """Of the rectangle that contradicts least, with the true region."""
-        guess, true = quads(self.guesses[:1])[0], shapely.Polygon(region_m)
-        return float(guess.intersection(true).area / guess.union(true).area)
+    def best(self) -> Any:
+        """The rectangles that contradict least, (K,)."""
+        return quads(self.guesses[0])
+
+    def _any(self, n: int) -> FloatArray:
+        return self.chance.uniform(LEAST, MOST, (n, len(self.rows), 5))
 
 
 @dataclass
@@ -105,102 +117,125 @@ class Attack:
 
     Attributes:
         oracle: Publishes as the server does.
-        rows: Samples that are read at once, one of a task; where tasks are not shown, one sample.
+        rows: Samples that are read at once: each of a task of its own, where tasks are shown.
     """
 
     oracle: "Oracle"
     rows: Sequence[int]
     seed: int = 0
-    victims: list[Victim] = field(init=False)
+    victims: list[Victims] = field(init=False)
 
     def __post_init__(self) -> None:
-        arrays = self.oracle.split.arrays
-        smallest = np.bincount(arrays.task_index).min()
+        smallest = np.bincount(self.oracle.split.arrays.task_index).min()
         self.by_task = smallest >= self.oracle.protocol.publication.min_samples_per_cell
-        if not self.by_task and len(self.rows) > 1:
-            raise ValueError("the totals part no two: they are read of one sample")
         self.chance = np.random.default_rng(self.seed)
-        self.victims = [Victim(row, float(arrays.d_safe_m[row]), self.chance) for row in self.rows]
+        together = [[row] for row in self.rows] if self.by_task else [list(self.rows)]
+        self.victims = [self._victims(rows) for rows in together]
 
     def upload(self) -> None:
         """Send one file, read what is published of it, and search on."""
-        arrays, protocol = self.oracle.split.arrays, self.oracle.protocol
-        edited = np.full((arrays.n_samples, 6, 2), np.nan)
-        for victim in self.victims:
-            path = self._path(victim)
-            edited[victim.row] = path
-            pieces = tube_pieces_m(np.concatenate([np.zeros((1, 2)), path]), protocol.geometry)
-            victim.tubes.append(shapely.union_all([shapely.Polygon(piece) for piece in pieces]))
+        edited = np.full((self.oracle.split.arrays.n_samples, 6, 2), np.nan)
+        for victims in self.victims:
+            paths = self._paths(victims)
+            edited[victims.rows] = paths
+            victims.tubes.append(self._tubes(paths))
         sheet = self.oracle.ask(edited)
-        for victim in self.victims:
-            victim.seen.append(self._said(sheet, victim.row))
-            victim.search(self._tolerance(victim.row), N_GENERATIONS)
+        for victims in self.victims:
+            victims.seen.append(self._said(sheet, victims.rows[0]))
+            victims.search(N_GENERATIONS)
 
-    def ious(self) -> list[float]:
-        """How well each region is known."""
-        for victim in self.victims:
-            victim.search(self._tolerance(victim.row), N_LAST)
-        regions_m = self.oracle.split.arrays.regions_m
-        return [victim.iou(regions_m[victim.row]) for victim in self.victims]
+    def found(self) -> list[tuple[float, float]]:
+        """How well each region is known: IoU with the true one, and the farthest place between them in metres."""
+        pairs = []
+        for victims in self.victims:
+            victims.search(N_LAST)
+            regions: Any = shapely.polygons(self.oracle.split.arrays.regions_m[victims.rows])
+            pairs += list(zip(victims.best(), regions, strict=True))
+        return [
+            (a.intersection(b).area / a.union(b).area, a.hausdorff_distance(b)) for a, b in pairs
+        ]
 
-    def _n(self, row: int) -> int:
-        arrays = self.oracle.split.arrays
+    def _victims(self, rows: list[int]) -> Victims:
+        arrays, protocol = self.oracle.split.arrays, self.oracle.protocol
+        tasks, families = (np.bincount(each) for each in (arrays.task_index, arrays.family_index))
+        factors: tuple[float, ...] = ()
+        sizes = [tasks[arrays.task_index[rows]]]
         if not self.by_task:
-            return int(arrays.n_samples)
-        return int(np.count_nonzero(arrays.task_index == arrays.task_index[row]))
-
-    def _tolerance(self, row: int) -> float:
-        return self._n(row) * 10.0 ** -(2 + self.oracle.protocol.publication.percent_decimals)
+            of_families = len(families) * families[arrays.family_index[rows]]
+            sizes = [np.full(len(rows), arrays.n_samples), of_families]
+            factors = protocol.grading.sensitivity_factors
+        shares = 1 / (np.array(sizes) * self.oracle.cells.step)
+        return Victims(rows, arrays.d_safe_m[rows], (1.0, *factors), shares, self.chance)
 
     def _said(self, sheet: ScoreSheet, row: int) -> FloatArray:
-        """The sample's own values: those of all others are missing, so they are known."""
-        n = self._n(row)
-        task = self.oracle.protocol.tasks[self.oracle.split.arrays.task_index[row]].id
-        cell = sheet.tasks[task].metrics if self.by_task else sheet.micro
-        means = np.array([cell[key] for key in METRICS], dtype=np.float64)
-        own: FloatArray = n * means - (n - 1) * np.array([0.0, 1.0, 0.0])
-        return own
+        """Each mean in roundings: not hit, HPR, HCC, HCC of other clearances. What is missing adds nothing."""
+        if self.by_task:
+            task = self.oracle.protocol.tasks[self.oracle.split.arrays.task_index[row]].id
+            means = [[sheet.tasks[task].metrics[key] for key in METRICS]]
+        else:
+            further, totals = sheet.extra.values(), (sheet.micro, sheet.macro_family)
+            means = [[total[key] for key in METRICS] for total in totals]
+            for mean, key in zip(means, ("hcc_micro", "hcc_macro_family"), strict=True):
+                mean += [row[key] for row in further]
+        said = np.array(means, dtype=np.float64)
+        said[:, 0] = 1 - said[:, 0]
+        return said / self.oracle.cells.step
 
-    def _path(self, victim: Victim) -> FloatArray:
-        """The path about which the guesses differ most, in roundings."""
-        polygons = quads(victim.guesses[:N_GUESSES])
-        middles = victim.guesses[:N_GUESSES, :2]
-        best, most = np.zeros((6, 2)), -1.0
+    def _tubes(self, paths: FloatArray) -> Any:
+        """Collision tubes (K,) of paths (K, 6, 2)."""
+        geometry = self.oracle.protocol.geometry
+        tubes = [
+            tube_pieces_m(np.concatenate([np.zeros((1, 2)), path]), geometry) for path in paths
+        ]
+        return np.array([shapely.union_all([*map(shapely.Polygon, pieces)]) for pieces in tubes])
+
+    def _paths(self, victims: Victims) -> FloatArray:
+        """The paths (K, 6, 2) about which the guesses differ most, in roundings."""
+        guesses = victims.guesses[:N_GUESSES]
+        best, most = np.zeros((len(victims.rows), 6, 2)), -1.0
         for _ in range(N_PATHS):
-            toward = middles[self.chance.integers(len(middles))] + self.chance.normal(0, 4, 2)
-            toward[0] = np.clip(toward[0], 0.5, 80)
-            aside = toward[1] + self.chance.normal(0, 2) * self.chance.integers(0, 2)
-            x = np.linspace(1, 6, 6) / 6 * toward[0]
-            y = np.minimum(np.arange(1, 7) / 2, 1) * aside
-            y[-1] = toward[1]
-            path = np.stack([x, y], -1)
-            geometry = self.oracle.protocol.geometry
-            pieces = tube_pieces_m(np.concatenate([np.zeros((1, 2)), path]), geometry)
-            tube = shapely.union_all([shapely.Polygon(piece) for piece in pieces])
-            values = victim.values(polygons, tube) / self._tolerance(victim.row)
-            told = float(sum(len(np.unique(np.round(row))) for row in values))
+            paths = np.array([self._path(each[:, :2]) for each in guesses.swapaxes(0, 1)])
+            said = np.round(victims.told(guesses, self._tubes(paths))).reshape(len(guesses), -1)
+            told = float(sum(len(np.unique(column)) for column in said.T))
             if told > most:
-                best, most = path, told
+                best, most = paths, told
         return best
+
+    def _path(self, middles: FloatArray) -> FloatArray:
+        """A path (6, 2) that ends near the middle of one of the guesses."""
+        toward = middles[self.chance.integers(len(middles))] + self.chance.normal(0, 4, 2)
+        toward[0] = np.clip(toward[0], 0.5, 80)
+        aside = toward[1] + self.chance.normal(0, 2) * self.chance.integers(0, 2)
+        x = np.linspace(1, 6, 6) / 6 * toward[0]
+        y = np.minimum(np.arange(1, 7) / 2, 1) * aside
+        y[-1] = toward[1]
+        return np.stack([x, y], -1)
 
 
 def main() -> None:
-    """Print how well 21 regions are read; the figures of docs/leakage.md."""
+    """Print how well regions are read; the figures of docs/leakage.md."""
     from tests.leak.oracle import SAMPLE, Oracle
 
-    for version, counts in (("1.1", (8, 22)), (NEWEST_WITHHELD, (8, 20))):
+    split = read_split(SAMPLE)
+    of_tasks = load_split(split, packaged_protocol()).arrays.task_index
+    rows = np.unique(of_tasks, return_index=True)[1].tolist()
+    alone = [[row] for row in rows]
+    pairs = [[rows[i], rows[i + 12]] for i in range(9)]  # of families of 80 and of 60
+    for version, together, counts in (
+        ("1.1", [rows], (8, 22)),
+        (NEWEST_WITHHELD, alone, (8, 12, 20)),
+        (NEWEST_WITHHELD, pairs, (8, 12, 20)),
+    ):
         protocol = packaged_protocol(version)
-        oracle = Oracle(load_split(read_split(SAMPLE), protocol), protocol)
-        rows = np.unique(oracle.split.arrays.task_index, return_index=True)[1].tolist()
-        attacks = (
-            [Attack(oracle, rows)] if version == "1.1" else [Attack(oracle, [r]) for r in rows]
-        )
+        oracle = Oracle(load_split(split, protocol), protocol)
+        attacks = [Attack(oracle, each) for each in together]
         for before, count in pairwise((0, *counts)):
             for attack in attacks:
                 for _ in range(count - before):
                     attack.upload()
-            ious = np.array([iou for attack in attacks for iou in attack.ious()])
-            print(version, count, np.median(ious).round(2), (ious > 0.5).sum())  # noqa: T201
+            ious, farthest_m = np.array([each for attack in attacks for each in attack.found()]).T
+            known = np.median(ious).round(2), (ious > 0.5).sum(), np.median(farthest_m).round(2)
+            print(version, len(together[0]), count, *known, len(ious))  # noqa: T201
 
 
 if __name__ == "__main__":

@@ -4,16 +4,20 @@ Each field names what it is made of. What is made of regions is bounded in docs/
 made of answers and labels alone tells no region.
 """
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import pytest
 from pydantic import BaseModel
 from tests.leak.channels import CHANNELS
 
+from exceptiondrive_records.phases.policy import without_breakdown
 from exceptiondrive_schemas.api.phase_report import PhaseReport, PlaceChange, ShakeUp
 from exceptiondrive_schemas.board import Board, BoardEntry, FamilyCell, FamilyHead, PairedComparison
-from exceptiondrive_schemas.challenges import PLANNING
+from exceptiondrive_schemas.challenges import PLANNING, STRATEGY
+from exceptiondrive_schemas.check import StrategyAnswer
 from exceptiondrive_schemas.flags import FLAGS
+from exceptiondrive_schemas.protocol import NEWEST_WITHHELD, packaged_protocol
 from exceptiondrive_schemas.score_sheet import (
     BreakdownRow,
     ClearanceCurve,
@@ -24,6 +28,14 @@ from exceptiondrive_schemas.score_sheet import (
     ScoreSheet,
 )
 from exceptiondrive_schemas.split import Manifest
+from exceptiondrive_schemas.submission_files import ReminderRecord
+from exceptiondrive_schemas.taxonomy import Strategy
+from exceptiondrive_scoring.challenge import SCORING, exact_sheet
+from exceptiondrive_scoring.strategy import strategy_answers
+from exceptiondrive_worker.boards.rounding import Rounding
+
+if TYPE_CHECKING:
+    from tests.leak.oracle import Oracle
 
 RECORDS = "who, when, under what: nothing of a split"
 ANSWERS = "the upload alone"
@@ -35,6 +47,7 @@ BOARDS = "published boards alone, which are weighed here: nothing that they do n
 TOTALS = "regions, of withheld splits in the totals alone"
 PUBLIC = "regions of public splits, unless a protocol says otherwise"
 CELLS = "a row of metrics for each, weighed one by one below"
+SOME = "answers to some samples, their tasks and acceptable sets: by rows of a least size that say their `n`"
 
 METRICS = {
     **dict.fromkeys(("hcc", "ur", "hpr"), REGIONS),
@@ -50,6 +63,8 @@ FLAGGED = {
     "hardly_moves": LABELS,
     "over_cautious": CONTROLS,
 }
+FURTHER_ROWS = {"d_safe_x": REGIONS, "confusion_": SOME, "reminder": SOME}
+"""By what their names begin with."""
 WEIGHED: dict[type[BaseModel], dict[str, str]] = {
     Board: {
         **dict.fromkeys(("challenge", "phase", "split", "protocol", "headline", "board"), RECORDS),
@@ -87,7 +102,7 @@ WEIGHED: dict[type[BaseModel], dict[str, str]] = {
         "n": LABELS,
         **dict.fromkeys(("micro", "macro_family", "families", "tasks"), CELLS),
         **dict.fromkeys(("coverage", "plausibility"), CELLS),
-        "extra": REGIONS,
+        "extra": CELLS,
         "clearance_curve": PUBLIC,
     },
     PhaseReport: {
@@ -165,6 +180,26 @@ def test_every_field_that_is_published_has_been_weighed(document: type[Any]) -> 
 def test_every_metric_and_every_flag_has_been_weighed() -> None:
     assert {metric.key for metric in (*PLANNING.metrics, *PLANNING.of_controls)} == set(METRICS)
     assert set(FLAGS) == set(FLAGGED)
+
+
+def test_every_further_row_has_been_weighed(oracle: "Oracle") -> None:
+    """One answer and one record, about one sample: of it alone no row tells more than that it counts."""
+    split, protocol = oracle.split, packaged_protocol(NEWEST_WITHHELD)
+    record = ReminderRecord(hazard_present=True, hazard_type="SE1", recommended_strategy=Strategy.C)
+    others = [StrategyAnswer(None, None)] * (split.arrays.n_samples - 1)
+    answers = strategy_answers([StrategyAnswer(None, record), *others]).columns()
+    still = oracle.measured(np.zeros((split.arrays.n_samples, 6, 2)))
+    for challenge, measured in ((PLANNING, still), (STRATEGY, answers)):
+        ref = split.manifest.ref
+        exact = exact_sheet(SCORING[challenge.id], measured, split.arrays, ref, protocol)
+        told = Rounding(challenge, protocol.publication).sheet(exact)
+        for name, row in told.extra.items():
+            (made_of,) = (it for key, it in FURTHER_ROWS.items() if name.startswith(key))
+            if made_of == SOME and (row["n"] or 0) < 100:
+                assert set(row.values()) == {row["n"], None}, name
+            assert made_of == SOME or "n" not in row, name
+    assert told.extra["reminder"]["n"] == 1
+    assert without_breakdown(exact).extra == {"reminder": {"n": 1}}
 
 
 def test_a_metric_is_told_by_cells_as_it_was_weighed() -> None:

@@ -1,10 +1,9 @@
-"""A region is read from published sheets: many at once by usual settings, one by advised ones."""
+"""Regions are read from published sheets: many at once by usual settings, two by advised ones."""
 
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-import pytest
 from tests.leak.quads import Attack
 
 from exceptiondrive_schemas.protocol import NEWEST_WITHHELD, packaged_protocol
@@ -21,7 +20,7 @@ def test_eight_uploads_read_several_regions_at_once_by_usual_settings(oracle: "O
     attack = Attack(replace(oracle, protocol=packaged_protocol("1.1")), first[:8].tolist())
     for _ in range(N_UPLOADS):
         attack.upload()
-    assert sum(iou > 0.3 for iou in attack.ious()) >= 3
+    assert sum(iou > 0.3 for iou, _ in attack.found()) >= 3
 
 
 def test_eight_uploads_read_one_region_by_advised_settings(oracle: "Oracle") -> None:
@@ -31,6 +30,14 @@ def test_eight_uploads_read_one_region_by_advised_settings(oracle: "Oracle") -> 
     attack = Attack(advised, first[1:2].tolist())
     for _ in range(N_UPLOADS):
         attack.upload()
-    assert attack.ious()[0] > 0.3
-    with pytest.raises(ValueError, match="one sample"):
-        Attack(advised, first[:2].tolist())
+    assert attack.found()[0][0] > 0.3
+
+
+def test_two_regions_are_read_at_once_by_advised_settings(oracle: "Oracle") -> None:
+    """The two totals weigh a sample of 80 and one of 60 otherwise."""
+    advised = replace(oracle, protocol=packaged_protocol(NEWEST_WITHHELD))
+    first = np.unique(oracle.split.arrays.task_index, return_index=True)[1]
+    attack = Attack(advised, [int(first[5]), int(first[17])])
+    for _ in range(N_UPLOADS):
+        attack.upload()
+    assert min(iou for iou, _ in attack.found()) > 0.3

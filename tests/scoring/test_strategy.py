@@ -113,6 +113,7 @@ def test_reminders_are_scored_over_the_samples_that_carry_one(
     scores = reminder_scores(answers, split([SE1, SE1, LB1, LB1]), protocol.taxonomy)
     assert scores == pytest.approx(
         {
+            "n": 3.0,
             "given": 0.75,
             "presence_precision": 1.0,
             "presence_recall": 2 / 3,
@@ -137,7 +138,7 @@ def test_without_reminders_nothing_about_them_is_defined(
     split: SplitOf, protocol: ProtocolDocument
 ) -> None:
     scores = reminder_scores(_answers("CC"), split([SE1, SE1]), protocol.taxonomy)
-    assert scores.pop("given") == 0.0
+    assert (scores.pop("n"), scores.pop("given")) == (0.0, 0.0)
     assert set(scores.values()) == {None}
 
 

@@ -200,6 +200,21 @@ def test_probes_of_many_cells_at_once_are_seen(crowd: World) -> None:
     assert (probing.fewest_changed, probing.most_changed) == (6, 6)
 
 
+def test_probes_that_a_team_spreads_over_bases_are_seen_together(crowd: World) -> None:
+    """Three of each base; a team that mends each of four planners once is not listed."""
+    for base in range(5):
+        for number in range(4):
+            data = upload(base, changed={7: 0.1 * number})
+            crowd.score(data, team="alpha", method=f"b{base} m{number}")
+    for planner in range(10, 14):
+        crowd.score(upload(planner), team="beta", method=f"p{planner}")
+        crowd.score(upload(planner, changed={9: 0.5}), team="beta", method=f"p{planner}, mended")
+    (probing,) = report(crowd).probing
+    assert (probing.teams, probing.n_submissions) == (("Alpha",), 15)
+    with crowd.database.read() as session:
+        assert overview(session).probing[0].detail["teams"] == ["Alpha"]
+
+
 def test_probes_of_several_teams_are_seen_together(crowd: World) -> None:
     for number in range(9):
         crowd.score(

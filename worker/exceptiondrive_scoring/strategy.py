@@ -115,8 +115,9 @@ def reminder_scores(
     presence is no alarm. Every sample that counts has its hazard, so no alarm is false.
 
     Returns:
-        `given` (share of samples with a record), `presence_precision`, `presence_recall`,
-        `type_task_accuracy`, `type_family_accuracy`, `strategy_accuracy`; None where undefined.
+        `n` (samples with a record: where they are few the row is withheld as a small task is),
+        `given` (their share), `presence_precision`, `presence_recall`, `type_task_accuracy`,
+        `type_family_accuracy`, `strategy_accuracy`; None where undefined.
     """
     given = answers.reminder_given
     alarm = answers.hazard_present == PRESENCE_CODE[True]
@@ -126,6 +127,7 @@ def reminder_scores(
     recommended = np.maximum(answers.recommended, 0)[:, None].astype(np.intp)
     fits = np.take_along_axis(split.acceptable, recommended, axis=1)[:, 0]
     return {
+        "n": float(np.count_nonzero(given)),
         "given": share_of(given, np.ones_like(given)),
         "presence_precision": share_of(alarm, given & alarm),
         "presence_recall": share_of(alarm, given),

@@ -247,8 +247,9 @@ def _extra(sheet: ScoreSheet) -> Iterator[RenderableType]:
         if table is None:
             titles = (Column(key.replace("_", " "), "number") for key in row)
             table = by_columns[tuple(row)] = FittedTable.of("", *titles)
-        is_count = "n" in row
-        table.add_row(name.replace("_", " "), *(_extra_cell(v, is_count) for v in row.values()))
+        is_count = name.startswith("confusion_")
+        cells = (_extra_cell(v, is_count or k == "n") for k, v in row.items())
+        table.add_row(name.replace("_", " "), *cells)
     yield from by_columns.values()
 
 

@@ -17,7 +17,7 @@ from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_schemas.api.phase_settings import PhaseNow, PhasePolicy
 from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.board import Board
-from exceptiondrive_schemas.score_sheet import ScoreSheet
+from exceptiondrive_schemas.score_sheet import REMINDER, ScoreSheet
 
 _LETTERS = "23456789ABCDEFGHJKMNPQRSTUVWXYZ"
 """No two that look alike."""
@@ -236,9 +236,12 @@ def without_breakdown(sheet: ScoreSheet) -> ScoreSheet:
     """Return the totals of a sheet alone: nothing that is counted over some samples only.
 
     A further row with an `n` is counted so too: the answers to samples with one acceptable set tell
-    which set each sample has, as a task would.
+    which set each sample has, as a task would, and reminder records about one sample its task. Of
+    these their number stays, as coverage does.
     """
     extra = {name: row for name, row in sheet.extra.items() if "n" not in row}
+    if sheet.has_reminders:
+        extra[REMINDER] = {"n": sheet.extra[REMINDER].get("n")}
     return sheet.model_copy(update={"families": {}, "tasks": {}, "extra": extra})
 
 

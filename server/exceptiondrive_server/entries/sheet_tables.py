@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 from exceptiondrive_schemas.board import Board, BoardEntry
+from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.score_sheet import REMINDER, MetricRow, ScoreSheet
 from exceptiondrive_server.boards.entry_facts import challenge_of, primary_metrics
@@ -114,6 +115,8 @@ def _confusion(rows: dict[str, MetricRow]) -> SheetTable:
 
 
 def _reminder(row: MetricRow, digits: Digits) -> SheetTable:
+    n = row.get("n")
+    over = "the samples" if n is None else counted(int(n), "sample")
     return SheetTable(
         "What the reminder records say",
         ("%",),
@@ -122,7 +125,7 @@ def _reminder(row: MetricRow, digits: Digits) -> SheetTable:
             for key, label in _REMINDER_LABELS.items()
             if key in row
         ),
-        "Scored over the samples that carry a record, where what a record leaves out counts as wrong. "
+        f"Scored over {over} with a record, where what a record leaves out counts as wrong. "
         "Each has its hazard, so precision is 100 wherever a hazard is said at all. It never ranks.",
     )
 

@@ -33,12 +33,18 @@ def test_the_average_that_ranks_stands_first() -> None:
 
 
 def test_confusion_and_reminder_rows_have_tables_of_their_own() -> None:
-    extra = {"confusion_CD": {"A": 2.0, "missing": 3.0}, "reminder": {"presence_recall": 0.5}}
+    extra = {
+        "confusion_CD": {"A": 2.0, "missing": 3.0},
+        "reminder": {"n": 1.0, "presence_recall": 0.5},
+    }
     sheet = example_score_sheet().model_copy(update={"extra": extra})
     confusion, reminder = sheet_tables(sheet, PROTOCOL, Digits())
     assert confusion.lines == (("C\u00a0D", ("2", "3")),)
     assert reminder.lines == (("hazard presence, recall", ("50.00",)),)
-    assert "what a record leaves out counts as wrong" in reminder.note
+    assert (
+        "over 1 sample with a record, where what a record leaves out counts as wrong"
+        in reminder.note
+    )
 
 
 def test_a_sheet_without_further_rows_has_no_table() -> None:
