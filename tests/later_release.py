@@ -49,6 +49,7 @@ def write_as_later_release(database: Database) -> set[str]:
                 if isinstance(column.type, DocumentText) or str(column) in _DOCUMENTS_BESIDES:
                     longer = f"""'{{"added_later" : 1, ' || substr({column.name}, 2)"""
                     change = f"UPDATE {table.name} SET {column.name} = {longer}"
-                    if session.execute(text(f"{change} WHERE {column.name} LIKE '{{\"%'")).rowcount:
+                    change += f""" WHERE {column.name} LIKE '{{"%' RETURNING 1"""
+                    if session.execute(text(change)).all():
                         found.add(str(column))
     return found
