@@ -42,7 +42,9 @@ def write_as_later_release(database: Database) -> set[str]:
     """Add a key to each document of a SQLite database; return the columns that hold one."""
     found = set()
     with database.write() as session:
-        for name in list(session.scalars(text("SELECT name FROM sqlite_master WHERE type='trigger'"))):
+        for name in list(
+            session.scalars(text("SELECT name FROM sqlite_master WHERE type='trigger'"))
+        ):
             session.execute(text(f'DROP TRIGGER "{name}"'))  # boards and sheets are append-only
         for table in Base.metadata.sorted_tables:
             for column in table.columns:

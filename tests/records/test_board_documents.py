@@ -104,7 +104,9 @@ def test_what_is_no_board_is_refused_as_ever(spoil: Callable[[str], str]) -> Non
 
 def test_a_board_of_a_newer_worker_is_read_without_what_is_not_known() -> None:
     body = canonical_json(NASTY_BOARD).decode()
-    newer = body.replace('{"cite"', '{"added_later":[1],"cite"').replace('{"board"', '{"added":1,"board"')
+    newer = body.replace('{"cite"', '{"added_later":[1],"cite"').replace(
+        '{"board"', '{"added":1,"board"'
+    )
     assert newer.count("added") == 1 + len(NASTY_BOARD.entries)
     for read in (read_board(newer), board_of(*entries_of(newer))):
         assert canonical_json(read).decode() == body
