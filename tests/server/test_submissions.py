@@ -188,12 +188,13 @@ def test_a_token_that_may_only_submit_is_told_neither_scores_nor_ranks(
 
 def test_whether_a_token_that_may_only_submit_is_told_a_field_is_said_of_each() -> None:
     """`report` is told without what is asked, which may name scores."""
-    told = set(
-        "id phase challenge team method description links facts edited_at linked_to file_digest "
-        "size_bytes status received_at status_at queue report failure headline awaits_board "
-        "awaits_profile is_duplicate is_late is_chosen run_rule is_published score_kept_back_since "
-        "disqualified_at known_as confirm_until confirmed_as".split()
-    )
+    told = {
+        *("id", "phase", "challenge", "team", "method", "description", "links", "facts"),
+        *("edited_at", "linked_to", "file_digest", "size_bytes", "status", "received_at"),
+        *("status_at", "queue", "report", "failure", "headline", "awaits_board", "awaits_profile"),
+        *("is_duplicate", "is_late", "is_chosen", "run_rule", "is_published"),
+        *("score_kept_back_since", "disqualified_at", "known_as", "confirm_until", "confirmed_as"),
+    }
     assert told | NO_RESULTS.keys() == SubmissionView.model_fields.keys()
     assert not told & NO_RESULTS.keys()
 
