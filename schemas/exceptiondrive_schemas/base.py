@@ -61,7 +61,7 @@ class Document(BaseModel):
 
     @classmethod
     def read(cls, answer: str | bytes) -> Self:
-        """Read an answer of the server, which may be newer: what is not known here is passed over.
+        """Read what the server says or keeps, which may be newer: what is not known here is passed over.
 
         A word that is none of the known ones stands as it is, and so does a number out of bounds.
         Files from participants and organizers are read by `model_validate_json`, which is strict.
@@ -70,7 +70,10 @@ class Document(BaseModel):
         Raises:
             ValidationError: What is known here is missing, or of another type.
         """
-        return cls._read(TypeAdapter(cls), answer)
+        try:
+            return cls.model_validate_json(answer)
+        except ValidationError:
+            return cls._read(TypeAdapter(cls), answer)
 
     @classmethod
     def read_all(cls, answer: str | bytes) -> tuple[Self, ...]:

@@ -440,13 +440,20 @@ def test_convert_tells_all_faults_of_what_is_nearly_a_submission_at_once(
         assert code in done.stdout
 
 
-def test_convert_says_where_it_found_nothing(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("planner", "content", "form"),
+    [(("--from", "waymo"), '{"n0": {"of_another_form": 1}}', "waymo"), ((), "{}", "trajectories")],
+)
+def test_convert_says_where_it_found_nothing(
+    planner: tuple[str, ...], content: str, form: str, tmp_path: Path
+) -> None:
     file, out = tmp_path / "run.json", tmp_path / "out.json"
-    file.write_text('{"n0": {"of_another_form": 1}}')
-    runs = ("--from", "waymo", "--source-run", str(file), "--edited-run", str(file))
+    file.write_text(content)
+    runs = (*planner, "--source-run", str(file), "--edited-run", str(file))
     done = run("convert", *runs, "--split", "sample", "--output", str(out))
     assert done.exit_code == 2
     assert "No prediction was found" in done.stderr
+    assert f"Runs in the form of {form} look as docs/client.md says." in done.stderr
     assert not out.exists()
 
 

@@ -197,8 +197,11 @@ def test_every_reader_cites_the_code_that_writes_its_files(name: str) -> None:
     assert re.search(r"\.(py|md|proto),? lines? \d+", words)
 
 
-def test_every_form_is_tried() -> None:
+def test_every_form_is_tried_and_told() -> None:
     assert {name for name, _, _ in RUNS.values()} == set(FORMS)
+    _, _, table = DOCS.read_text(encoding="utf-8").partition("| `--from` |")
+    rows = re.findall(r"^\| (`.+?) \|", table.partition("\n\n")[0], re.MULTILINE)
+    assert [name for row in rows for name in re.findall("`(.+?)`", row)] == list(FORMS)
 
 
 @pytest.mark.parametrize(

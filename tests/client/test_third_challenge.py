@@ -259,12 +259,12 @@ def csv_of(server: "Running") -> str:
     return httpx.get(f"{server.url}/api/v1/leaderboard.csv?phase=gaps-dev").text
 
 
-def pages_of(server: "Running", first: str, second: str) -> Iterator[str]:
-    """The pages of the board, an entry, two entries, the file and the protocol."""
+def pages_of(server: "Running", first: str, second: str, third: str = "") -> Iterator[str]:
+    """The pages of the board, an entry, two or three entries, the file and the protocol."""
     for address in (
         "/?phase=gaps-dev",
         f"/entries/{first}",
-        f"/compare?phase=gaps-dev&a={first}&b={second}",
+        f"/compare?phase=gaps-dev&a={first}&b={second}&more={third}",
         "/submit?phase=gaps-dev",
         "/protocols/1.0",
     ):
@@ -278,16 +278,16 @@ def test_what_was_stored_before_a_metric_is_shown_after_it(
 ) -> None:
     ids = [
         submit(phase, gap_file(tmp_path, gap_m, 9.0, 9.0, 9.0), f"Gap {gap_m}")["id"]
-        for gap_m in (1.0, 2.0)
+        for gap_m in (1.0, 2.0, 3.0)
     ]
-    longer = metric("longest", "Longest", unit="metre", better=None, role="diagnostic")
+    longer = metric("longest", "Longest", unit="metre", better="lower", role="diagnostic")
     more = GAPS.model_copy(update={"metrics": (*GAPS.metrics, longer)})
     CHALLENGES._registered[GAPS.id] = more  # the fixture takes it back
     assert "Gap 2.0" in next(pages_of(phase, *ids))
     assert len(list(pages_of(phase, *ids))) == 5
     for words in (("leaderboard", "--phase", "gaps-dev"), ("status", ids[0])):
         ok(phase, *words)
-    assert len(csv_of(phase).splitlines()) == 3
+    assert len(csv_of(phase).splitlines()) == 4
 
 
 def test_a_fault_of_its_own_is_told(phase: "Running", tmp_path: Path) -> None:

@@ -10,6 +10,8 @@ from tests.protections.protection import Protection
 from tests.protections.run import outcome_without
 from tests.protections.table import PROTECTIONS
 
+from exceptiondrive_records.operations import invariants
+
 ROOT = Path(__file__).parents[2]
 SHORT = [each for each in PROTECTIONS if each.is_short]
 
@@ -42,6 +44,13 @@ def test_every_protection_names_a_test_that_is_there() -> None:
 def test_what_a_protection_replaces_is_there(target: str) -> None:
     module, _, path = target.partition(":")
     operator.attrgetter(path)(importlib.import_module(module))
+
+
+def test_each_check_of_what_the_audit_log_must_tell_is_taken_away_by_one() -> None:
+    checks = {name for name in vars(invariants) if name.startswith("unlogged_")}
+    targets = {each.target.rpartition(":")[2] for each in PROTECTIONS}
+    assert checks
+    assert checks <= targets
 
 
 def test_the_documentation_has_a_row_for_every_protection_with_its_test() -> None:

@@ -102,6 +102,16 @@ def test_what_is_no_board_is_refused_as_ever(spoil: Callable[[str], str]) -> Non
         read_board(spoil(canonical_json(NASTY_BOARD).decode()))
 
 
+def test_a_board_of_a_newer_worker_is_read_without_what_is_not_known() -> None:
+    body = canonical_json(NASTY_BOARD).decode()
+    newer = body.replace('{"cite"', '{"added_later":[1],"cite"').replace(
+        '{"board"', '{"added":1,"board"'
+    )
+    assert newer.count("added") == 1 + len(NASTY_BOARD.entries)
+    for read in (read_board(newer), board_of(*entries_of(newer))):
+        assert canonical_json(read).decode() == body
+
+
 def test_a_board_with_blanks_is_read() -> None:
     body = canonical_json(NASTY_BOARD).decode()
     assert read_board(body.replace('},{"cite"', '} , {"cite"')) == NASTY_BOARD

@@ -13,6 +13,7 @@ from typing import Any
 
 import pytest
 
+from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.check import (
     UnreadableFileError,
     check,
@@ -169,7 +170,7 @@ def test_an_empty_file_is_called_empty(data: bytes, checked: Check) -> None:
         (
             b'{"schema": ["planning"]}',
             FaultCode.WRONG_TYPE,
-            '"exceptiondrive.planning/1" or "exceptiondrive.strategy/1"',
+            " or ".join(f'"{each.file_schema}"' for each in CHALLENGES.values()),
             "a list of 1 value",
         ),
     ],

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from tests.support import realdata
 
 from exceptiondrive_schemas.challenges import CHALLENGES, ChallengeId
-from exceptiondrive_scoring.challenge import scoring_of
 from exceptiondrive_scoring.planning import PlanningScoring
 from exceptiondrive_scoring.similarity import (
     FARTHEST,
@@ -19,7 +18,6 @@ from exceptiondrive_scoring.similarity import (
     FIRST_LOOK,
     SLACK,
     Alikeness,
-    AlikeRule,
     alikeness,
     compare_pair,
     distances,
@@ -35,11 +33,6 @@ STRATEGY = StrategyScoring.alike
 def ways(seed: int, n_samples: int = 3181) -> np.ndarray:
     steps = np.random.default_rng(seed).normal([2.0, 0.0], 0.8, (n_samples, 6, 2))
     return np.cumsum(steps, axis=1)
-
-
-@pytest.mark.parametrize("challenge", CHALLENGES)
-def test_every_challenge_says_what_is_alike(challenge: ChallengeId) -> None:
-    assert isinstance(scoring_of(challenge).alike, AlikeRule)
 
 
 def test_a_copy_is_equal_and_a_stranger_is_not() -> None:

@@ -11,7 +11,7 @@ from fastapi import APIRouter
 from sqlalchemy import text
 from starlette.routing import Match
 from starlette.types import Scope
-from tests.later_release import become_later_release
+from tests.later_release import become_later_release, write_as_later_release
 from tests.support.databases import read_only
 
 from exceptiondrive_records.db.database import Database
@@ -155,6 +155,31 @@ def test_an_older_schema_is_not_ready_and_a_newer_one_is(
         migrate(api_on_both.database.engine.url.render_as_string(hide_password=False))
     response = api_on_both.get("/readyz")
     assert (response.status_code, response.json()["database"]) == (200, True)
+
+
+def test_an_older_server_goes_on_with_documents_of_a_newer_one(
+    api: "Api", make_entry: Callable[..., Any]
+) -> None:
+    """They say more than it knows, while both run and after the older images are back."""
+    own = api.submit("a", facts='{"map": "none"}').json()["id"]
+    api.score(own)
+    api.publish(make_entry("Planner", submission_id=own))
+    links = {"paper_url": "https://example.org/p"}
+    assert api.request("PATCH", "/organizer/site", "organizer", json=links).is_success
+    note = {"words": "Look at it."}
+    assert api.post(f"/organizer/submissions/{own}/note", "organizer", json=note).is_success
+    assert write_as_later_release(api.database) >= {
+        "boards.body",
+        "board_flips.news",
+        "notifications.body",
+        "phases.policy",
+        "score_sheets.sheet",
+        "site_settings.value",
+        "submissions.facts",
+    }
+    reads = ("/phases", "/leaderboard?phase=dev", f"/submissions/{own}", "/notifications", "/site")
+    assert [api.get(path, "alpha").status_code for path in reads] == [200] * len(reads)
+    assert api.submit("b").status_code == 202
 
 
 def test_records_in_a_closed_folder_take_no_writes(tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ from exceptiondrive_records.submissions.submissions import KEYS_ARE_KEPT
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_schemas.api.submission import SubmissionPage, SubmissionView
 from exceptiondrive_schemas.score_sheet import ReminderEffect
+from exceptiondrive_server.submissions.upload import NO_RESULTS
 
 if TYPE_CHECKING:
     from tests.support.application import Api
@@ -175,9 +176,7 @@ def test_a_token_that_may_only_submit_is_told_neither_scores_nor_ranks(
         assert told.json()["reminder_effect"]["without"] == "b"
     for told in answers("ci"):
         assert (told.status_code, told.json()["status"]) == (200, "scored")
-        results = ("rank", "rank_interval", "sheet", "reminder_effect")
-        assert [told.json()[field] for field in results] == [None] * 4
-        assert told.json()["intervals"] == {}
+        assert {name: told.json()[name] for name in NO_RESULTS} == NO_RESULTS
     withdrawn = api.post(f"/submissions/{own}/withdraw", "ci")
     assert withdrawn.json()["status"] == "withdrawn"
     hook = {"channel": "webhook", "address": "https://example.org/hook", "wishes": ["scored"]}
@@ -185,6 +184,19 @@ def test_a_token_that_may_only_submit_is_told_neither_scores_nor_ranks(
     added = api.post("/contacts", "alpha", json=hook).json()["id"]
     wishes = api.request("PATCH", f"/contacts/{added}", "ci", json={"wishes": ["overtaken"]})
     as_problem(wishes, 403, "not_allowed")
+
+
+def test_whether_a_token_that_may_only_submit_is_told_a_field_is_said_of_each() -> None:
+    """`report` is told without what is asked, which may name scores."""
+    told = {
+        *("id", "phase", "challenge", "team", "method", "description", "links", "facts"),
+        *("edited_at", "linked_to", "file_digest", "size_bytes", "status", "received_at"),
+        *("status_at", "queue", "report", "failure", "headline", "awaits_board", "awaits_profile"),
+        *("is_duplicate", "is_late", "is_chosen", "run_rule", "is_published"),
+        *("score_kept_back_since", "disqualified_at", "known_as", "confirm_until", "confirmed_as"),
+    }
+    assert told | NO_RESULTS.keys() == SubmissionView.model_fields.keys()
+    assert not told & NO_RESULTS.keys()
 
 
 @pytest.mark.parametrize("path", ["/submissions", "/submissions/x", "/submissions/x/events"])

@@ -146,8 +146,7 @@ def convert(
         raise InvalidArgumentError(
             "unreadable_file",
             "No prediction was found in what was given.",
-            f"Runs in the form of {planner} look as `exceptiondrive convert --help` and "
-            "docs/client.md say."
+            f"Runs in the form of {planner or 'trajectories'} look as docs/client.md says."
             if form
             else "Name a file that has trajectories by sample id.",
         )

@@ -8,13 +8,12 @@ from exceptiondrive_schemas.base import Document
 from exceptiondrive_schemas.challenges import ChallengeId
 from exceptiondrive_schemas.score_sheet import ProtocolRef
 
+EventKind = Literal["scored", "failed", "overtaken", "phase_ends"]
+"""What goes on between protocol updates: of a notification, and the wish to be told of it."""
 NotificationKind = Literal[
     "protocol_applied",
     "protocol_rolled_back",
-    "scored",
-    "failed",
-    "overtaken",
-    "phase_ends",
+    EventKind,
     "confirm_address",
     "message",
     "disqualified",
@@ -23,7 +22,7 @@ NotificationKind = Literal[
     "team_changed",
     "phase_changed",
 ]
-Wish = Literal["updates", "scored", "failed", "overtaken", "phase_ends"]
+Wish = Literal["updates", EventKind]
 """What an address may be told of: protocol updates, and what goes on between them."""
 WISHES: dict[Wish, str] = {
     "updates": "a protocol or split update changed your published numbers",

@@ -59,17 +59,17 @@ def read_board(body: str) -> Board:
     try:
         start = end = body.index(_ENTRIES) + len(_ENTRIES)
         for _, begin, end in _spans(body):
-            entries.append(BoardEntry.model_validate_json(body[begin:end]))
+            entries.append(BoardEntry.read(body[begin:end]))
             sharing.share(entries[-1])
     except (ValueError, IndexError):
-        return Board.model_validate_json(body)  # which says what is wrong
-    frame = Board.model_validate_json(body[:start] + body[end:])
+        return Board.read(body)  # which says what is wrong
+    frame = Board.read(body[:start] + body[end:])
     return frame.model_copy(update={"entries": tuple(entries)})
 
 
 def entries_of(body: str) -> Iterator[BoardEntry]:
     """Yield the entries of a recorded board, of which none is held."""
-    return (BoardEntry.model_validate_json(body[begin:end]) for _, begin, end in _spans(body))
+    return (BoardEntry.read(body[begin:end]) for _, begin, end in _spans(body))
 
 
 def entry_documents(body: str) -> Iterator[dict[str, Any]]:

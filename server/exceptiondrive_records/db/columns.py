@@ -53,8 +53,8 @@ class DocumentText(TypeDecorator[SomeDocument], Generic[SomeDocument]):
         return None if value is None else canonical_json(value).decode("utf-8")
 
     def process_result_value(self, value: Any, dialect: Dialect) -> SomeDocument | None:
-        """Read and validate."""
-        return None if value is None else self.model.model_validate_json(value)
+        """Read and validate; a newer process may have written it."""
+        return None if value is None else self.model.read(value)
 
 
 def is_one_of(

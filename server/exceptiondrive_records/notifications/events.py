@@ -5,7 +5,7 @@ The reconciler looks now and then. Nothing is told twice: each message has a sub
 
 from collections.abc import Iterator
 from datetime import datetime, timedelta
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 from sqlalchemy import and_, case, exists, func, select
 from sqlalchemy.orm import Session, aliased
@@ -27,7 +27,7 @@ from exceptiondrive_records.submissions.submissions import ids_of_team
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.submissions.views import view
 from exceptiondrive_records.teams.tables import Team
-from exceptiondrive_schemas.api.notifications import Wish
+from exceptiondrive_schemas.api.notifications import EventKind, Wish
 from exceptiondrive_schemas.api.own_entries import question_of
 from exceptiondrive_schemas.api.standing_words import ranked_words
 from exceptiondrive_schemas.api.submission import SubmissionStatus, SubmissionView
@@ -38,9 +38,7 @@ LOOK_EVERY_S = 15.0
 _TOLD_WITHIN = timedelta(days=1)
 _ENDS_SOON = timedelta(days=1)
 _PASSED_WITHIN = timedelta(hours=1)
-_Kind = Literal["scored", "failed", "overtaken", "phase_ends"]
-"""Of a notification, and the wish to be told of it."""
-_OUTCOMES: dict[SubmissionStatus, _Kind] = {
+OUTCOMES: dict[SubmissionStatus, EventKind] = {
     SubmissionStatus.SCORED: "scored",
     SubmissionStatus.REJECTED: "failed",
     SubmissionStatus.FAILED: "failed",
@@ -55,7 +53,7 @@ _OUTCOME_WORDS: dict[SubmissionStatus, str] = {
 class _Event(NamedTuple):
     """What happened to a team; `subject` names it, so that it is told once."""
 
-    kind: _Kind
+    kind: EventKind
     subject: str
     title: str
     sentences: tuple[str, ...]
@@ -129,17 +127,17 @@ def _outcomes(
 ) -> Iterator[_Event]:
     told = exists().where(
         Notification.team_id == team_id,
-        Notification.kind == case(_OUTCOMES, value=Submission.status),
+        Notification.kind == case(OUTCOMES, value=Submission.status),
         Notification.subject == Submission.id,
     )
     query = select(Submission).where(
         Submission.team_id == team_id,
-        Submission.status.in_(_OUTCOMES),
+        Submission.status.in_(OUTCOMES),
         Submission.status_at > now - _TOLD_WITHIN,
         ~told,  # each look would read a whole day again
     )
     for submission in session.scalars(query.order_by(Submission.status_at)):
-        kind = _OUTCOMES[submission.status]
+        kind = OUTCOMES[submission.status]
         if kind not in wishes or submission.status_at < wishes[kind]:
             continue
         seen = view(session, submission)

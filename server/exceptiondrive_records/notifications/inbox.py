@@ -285,7 +285,7 @@ def _find(session: Session, team_id: int, notification_id: str) -> Notification:
 
 
 def _view(row: Notification) -> NotificationView:
-    view = NotificationView.model_validate_json(row.body)
+    view = NotificationView.read(row.body)
     return view.model_copy(update={"read_at": row.read_at})
 
 

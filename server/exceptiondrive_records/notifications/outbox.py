@@ -106,7 +106,7 @@ def _due() -> Select[str]:
 
 def _send(delivery: Delivery, contact: ContactPoint, body: str, settings: NoticeSettings) -> None:
     if contact.channel is Channel.EMAIL:
-        notice = NotificationView.model_validate_json(body)
+        notice = NotificationView.read(body)
         send_email(settings, contact.address, notice, contact_link(contact, "unsubscribe"))
         return
     assert delivery.leased_at is not None

@@ -20,7 +20,7 @@ _E_MAIL = re.compile(r"[^\s@<>\"'?&:/]+@[^\s@<>\"'?&:/]+\.[^\s@<>\"'?&:/]+")
 def site_links(session: Session) -> SiteLinks:
     """Return the links as they are set; all are empty at first."""
     row = session.get(SiteSetting, _NAME)
-    return SiteLinks() if row is None else SiteLinks.model_validate(row.value)
+    return SiteLinks() if row is None else SiteLinks.model_validate(row.value, extra="ignore")
 
 
 def set_site_links(session: Session, change: SiteLinks, *, actor: str) -> SiteLinks:

@@ -19,6 +19,7 @@ from exceptiondrive_records.db.identifiers import (
 )
 from exceptiondrive_records.news.tables import Question
 from exceptiondrive_records.notifications.contacts import list_contacts, take_away
+from exceptiondrive_records.notifications.events import OUTCOMES
 from exceptiondrive_records.notifications.inbox import tell_team
 from exceptiondrive_records.notifications.tables import ContactPoint, Notification
 from exceptiondrive_records.participation.disqualification import want_boards_of_team
@@ -222,7 +223,7 @@ def _move(session: Session, team: Team, target: Team) -> int:
     session.flush()
     for table in (Disqualification, ContactPoint, Question):
         session.execute(update(table).where(table.team_id == team.id).values(to_target))
-    outcomes = Notification.team_id == team.id, Notification.kind.in_(("scored", "failed"))
+    outcomes = Notification.team_id == team.id, Notification.kind.in_([*OUTCOMES.values()])
     session.execute(update(Notification).where(*outcomes).values(to_target))
     members = select(Membership.person_id).where(Membership.team_id == target.id)
     there = set(session.scalars(members))

@@ -156,7 +156,7 @@ def _forget_notices(session: Session, team: Team) -> None:
         )
     )
     for row in session.scalars(select(Notification).where(Notification.team_id == team.id)):
-        view = NotificationView.model_validate_json(row.body)
+        view = NotificationView.read(row.body)
         kept = view.model_dump(include={"id", "kind", "phase", "created_at"})
         said = {"team": team.name, "title": "Forgotten", "what_changed": (), "comparison": ""}
         blank = NotificationView.model_validate(kept | said)

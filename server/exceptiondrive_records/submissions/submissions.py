@@ -130,21 +130,21 @@ def checked_facts(facts: MethodFacts) -> MethodFacts | None:
     return checked if checked != MethodFacts() else None
 
 
-def require_same_words(first: Submission, told: Mapping[str, object]) -> None:
+def require_same_words(first: Submission, words: Mapping[str, object]) -> None:
     """Refuse the same bytes with another name, link, description or facts than the first time.
 
-    `told` is what came with them by column; what is empty was not told.
+    `words` is what came with them by column; what is empty was not said.
 
     Raises:
         Conflict: They differ: they are changed by an edit, which keeps its history.
     """
-    differs = [name for name, value in told.items() if value and value != getattr(first, name)]
+    differs = [name for name, value in words.items() if value and value != getattr(first, name)]
     if differs:
-        words = ", ".join(name.removesuffix("_url") for name in differs)
+        names = ", ".join(name.removesuffix("_url") for name in differs)
         stands = "waits for your word" if first.is_asked else "stands"
         raise Conflict(
             f"The same bytes were submitted before, as {first.id!r}, a run of {first.method!r}: that "
-            f"submission {stands}, no quota was spent and nothing changed. What differs now: {words}. "
+            f"submission {stands}, no quota was spent and nothing changed. What differs now: {names}. "
             f"To change that, without a new submission, edit it: exceptiondrive edit {first.id}, or "
             "on its page."
         )
@@ -236,7 +236,7 @@ def accept(
     """
     team = hold_team(session, team_id)
     phase, shadow = phase_and_shadow(session, phase_id)
-    told = {
+    words = {
         "method": checked_name("method name", method),
         "description": checked_description(description),
         "paper_url": checked_link("paper", links.paper),
@@ -260,17 +260,17 @@ def accept(
         session.flush()  # two living submissions of the same bytes cannot be
     elif first is not None:
         if first.is_asked or first.status is not SubmissionStatus.REJECTED:
-            require_same_words(first, told)
+            require_same_words(first, words)
         is_same_upload = idempotency_key is not None and first.idempotency_key == idempotency_key
         return Accepted(first, is_duplicate=not is_same_upload, job_id=None)
-    if not told["facts"]:  # then those of the method's last file
-        of_method = {"team": team_id, "phase": phase.id, "method": told["method"]}
-        told["facts"] = session.scalars(_LAST_FACTS, of_method).first()
+    if not words["facts"]:  # then those of the method's last file
+        of_method = {"team": team_id, "phase": phase.id, "method": words["method"]}
+        words["facts"] = session.scalars(_LAST_FACTS, of_method).first()
     submission = Submission(
         id=new_id,
         phase_id=phase.id,
         team_id=team_id,
-        **told,
+        **words,
         linked_to=linked_to,
         file_digest=file_digest,
         size_bytes=size_bytes,

@@ -51,7 +51,7 @@ CHUNK_BYTES = 256 * 1024
 MAX_FIELD_BYTES = 16 * 1024
 MAX_FIELDS = 40
 Link = Annotated[str, Field(max_length=500, description="an https:// address")]
-_NO_RESULTS: dict[str, Any] = {
+NO_RESULTS: dict[str, Any] = {
     "sheet": None,
     "rank": None,
     "rank_interval": None,
@@ -286,7 +286,7 @@ def told_to(principal: Principal, seen: SubmissionView) -> SubmissionView:
     report = seen.report
     if report is not None and report.to_confirm:  # names the replaced entry with its score
         report = report.model_copy(update={"to_confirm": _ASKED_OF_READERS})
-    return seen.model_copy(update={**_NO_RESULTS, "report": report})
+    return seen.model_copy(update={**NO_RESULTS, "report": report})
 
 
 def _accept(
