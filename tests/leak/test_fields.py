@@ -30,7 +30,7 @@ from exceptiondrive_schemas.score_sheet import (
 from exceptiondrive_schemas.split import Manifest
 from exceptiondrive_schemas.submission_files import ReminderRecord
 from exceptiondrive_schemas.taxonomy import Strategy
-from exceptiondrive_scoring.challenge import SCORING, exact_sheet
+from exceptiondrive_scoring.challenge import exact_sheet, scoring_of
 from exceptiondrive_scoring.strategy import strategy_answers
 from exceptiondrive_worker.boards.rounding import Rounding
 
@@ -191,7 +191,7 @@ def test_every_further_row_has_been_weighed(oracle: "Oracle") -> None:
     still = oracle.measured(np.zeros((split.arrays.n_samples, 6, 2)))
     for challenge, measured in ((PLANNING, still), (STRATEGY, answers)):
         ref = split.manifest.ref
-        exact = exact_sheet(SCORING[challenge.id], measured, split.arrays, ref, protocol)
+        exact = exact_sheet(scoring_of(challenge.id), measured, split.arrays, ref, protocol)
         told = Rounding(challenge, protocol.publication).sheet(exact)
         for name, row in told.extra.items():
             (made_of,) = (it for key, it in FURTHER_ROWS.items() if name.startswith(key))

@@ -1,7 +1,7 @@
 """Scoring: pure functions on arrays. No I/O, clock, network, environment or globals.
 
 Data flows one way: answers --measure--> measurements --grade--> sample scores --aggregate-->
-breakdown --rank--> board. `challenge.SCORING` gives the measure and grade of each challenge.
+breakdown --rank--> board. `challenge.scoring_of` gives the measure and grade of each challenge.
 Every constant comes from the protocol document; every formula names its place in docs/protocol.md.
 """
 
