@@ -11,7 +11,7 @@ from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.challenges import Challenge
 from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.protocol import ProtocolDocument
-from exceptiondrive_server.boards.entry_facts import flags_of, is_listed, primary_metrics
+from exceptiondrive_server.boards.entry_facts import entry_key, flags_of, is_listed, primary_metrics
 from exceptiondrive_server.boards.query import AVERAGE_TITLES, BoardQuery
 from exceptiondrive_server.web.numbers import DASH, Digits, day, grouped, listed, with_unit
 
@@ -145,6 +145,19 @@ def _could_too(place: int, n: int) -> str:
     """
     could = "could be first" if place == 1 else "could lead"
     return f", though {counted(n, 'other', 'others')} {could}" if n else ""
+
+
+def what_else_tells(board: Board, could_be_first: Sequence[BoardEntry]) -> str:
+    """Say why fewer could be first than rank intervals reach the first place; empty where as many do."""
+    kept = {entry_key(entry) for entry in could_be_first}
+    reach = (entry for entry in board.entries if (entry.rank_interval or (0,))[0] == 1)
+    left_out = [entry for entry in reach if entry_key(entry) not in kept]
+    leader = board.leader
+    behind = {pair.b for pair in board.comparisons if leader and pair.a == leader.submission_id}
+    words = ", as they compare sample by sample" if left_out else ""
+    if any(entry.submission_id not in behind for entry in left_out):
+        words += "; entries of one team are not compared"
+    return words
 
 
 def _above(above: Sequence[BoardEntry]) -> Iterator[str]:

@@ -1,12 +1,16 @@
 """The sentences on top come from the numbers."""
 
 from itertools import count
+from typing import Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from tests.server.pages.invented_board import PROTOCOL, STILL
+from tests.server.pages.reading import read
 
+from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.phases.phases import find_phase
 from exceptiondrive_schemas.board import Board, BoardEntry, PairedComparison
 from exceptiondrive_schemas.challenges import PLANNING, STRATEGY, RankKey
 from exceptiondrive_schemas.score_sheet import PairedDifference
@@ -215,6 +219,32 @@ def test_team_mates_of_the_leader_that_were_not_compared_with_it_are_not_said_to
     uncompared = board.model_copy(update={"comparisons": ()})
     said = headline(uncompared, PLANNING, PROTOCOL)
     assert "though 2 others could be first" in said.findings[0], "no comparison says more"
+
+
+@pytest.mark.parametrize(
+    ("n_behind", "said"),
+    [
+        (1, "2 entries could be first, as they compare sample by sample. What is told does not"),
+        (2, "1 entry could be first, as they compare sample by sample."),
+    ],
+)
+async def test_the_report_says_of_the_first_what_the_board_says(
+    site: Any, lively_board: Board, n_behind: int, said: str
+) -> None:
+    leader, *others = (
+        entry.model_copy(update={"rank": rank, "rank_interval": (1, 3)})
+        for rank, entry in enumerate(lively_board.entries[:3], 1)
+    )
+    pairs = tuple(compared(leader, other, 0.01) for other in others[:n_behind])
+    site.create_phase("sample")
+    site.publish(
+        lively_board.model_copy(update={"entries": (leader, *others), "comparisons": pairs})
+    )
+    with site.database.write() as session:
+        find_phase(session, "sample").closes_at = database_now(session)
+    page = read((await site.get("/phases/sample/report")).text).text
+    assert said in page
+    assert ("set them apart" in page) is (n_behind == 1)
 
 
 def test_a_flag_that_does_not_bar_is_named(lively_board: Board) -> None:
