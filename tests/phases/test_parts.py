@@ -375,6 +375,15 @@ def test_the_reveal_waits_for_the_deadline_then_flips_the_board_once(life: "Life
         "the private part of the split (3 samples) counts in place of the public part of the split"
     )
     assert changes == [f"{words} (2 samples)"]
+    assert "other samples count: the private part;" in life.get("/?phase=test").text
+    history = life.get("/history?phase=test").text
+    assert history.count("<polyline") == 4, "two a drawing, which no line joins"
+    assert ">other samples</text>" in history
+    for page in (
+        life.get(f"/rescoring/{run}"),
+        visitor(life, "organizer").get(f"/organize/rescoring/{run}/preview"),
+    ):
+        assert "other samples count, or the same ones" in page.text
 
 
 def test_a_reveal_that_is_rolled_back_stays_known(life: "Life") -> None:

@@ -458,7 +458,10 @@ def test_cars_that_stand_are_driven_as_they_are_measured(
     ("command", "told"),
     [
         ("register-splits", ("sample ids", "family sizes", "warnings by count", "datasheet")),
-        ("publish-split", ("regions", "tasks", "controls", "recorded paths", "private part", "taken back")),
+        (
+            "publish-split",
+            ("regions", "tasks", "controls", "recorded paths", "private part", "taken back"),
+        ),
     ],
 )
 def test_the_help_says_what_leaves_the_worker(

@@ -7,6 +7,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 
+from exceptiondrive_records.splits.splits import part_words
+from exceptiondrive_schemas.api.phase_settings import SplitPart
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.challenges import Challenge
 from exceptiondrive_schemas.printable import counted
@@ -175,6 +177,8 @@ class BoardBefore:
 
     number: int
     protocol: str
+    split_revision: str
+    part: SplitPart | None
     published_at: datetime
 
 
@@ -189,12 +193,16 @@ class ChangeLine:
 
 
 def change_line(board: Board, before: BoardBefore | None) -> ChangeLine:
-    """Say what is new: the protocol, entries, ranks."""
+    """Say what is new: the protocol, the samples that count, entries, ranks."""
     history_url = f"/history?phase={board.phase}"
     if before is None:
         return ChangeLine("This is the first board of its phase.", history_url, None)
     is_updated = before.protocol != board.protocol.version
     parts = [f"protocol {before.protocol} became {board.protocol.version}"] if is_updated else []
+    if before.part != board.part:
+        parts.append(f"other samples count: {part_words(board.part)}")
+    elif before.split_revision != board.split.revision:
+        parts.append("another revision of the split counts")
     parts += moves_on(board)
     since = f"Since board {before.number} of {day(before.published_at)}"
     words = f"{since}: {'; '.join(parts)}." if parts else f"{since} no rank moved."
