@@ -479,7 +479,7 @@ def test_publishing_says_where_a_private_part_goes_public_too(
     operate: Operate, make_split: MakeSplit, tmp_path: Path, has_parts: bool
 ) -> None:
     parts = {"a": {"part": "public"}, "b": {"part": "private"}}
-    split = make_split(parts if has_parts else dict.fromkeys(parts, {}))
+    split = make_split(parts if has_parts else {"a": {}, "b": {}})
     put(tmp_path, split)
     code, out, _ = operate("publish-split", "tiny")
     assert code == 0

@@ -742,7 +742,7 @@ def board_table(
     }
     query = query.model_copy(update=columns)
     average = query.average or board.headline
-    digits = Digits.of(protocol.publication)
+    digits = Digits.of(protocol.publication, has_fine_intervals=board.has_fine_intervals)
     builder = RowBuilder.of(board, average, digits, query, is_current, facts)
     found = sort_entries(board, found_entries(board, query, facts), query.sort, average)
     by_source = {source: [e for e in found if e.source == source] for source in SOURCES}

@@ -65,7 +65,7 @@ def show_report(request: Request, phase_id: PhaseId) -> Response:
             "report": report,
             "challenge": challenge,
             "flags": FLAGS,
-            "digits": Digits.of(protocol.publication),
+            "digits": Digits.of(protocol.publication, has_fine_intervals=board.has_fine_intervals),
             "told_by": what_else_tells(board, could),
         }
         return report, lambda: shown
