@@ -22,7 +22,7 @@ from exceptiondrive_schemas.python310 import Self
 class HeadlineWords(Document):
     """The page's headline, chosen by the leader's second primary metric over all samples: it counts.
 
-    `{often}` is set as "about once in 3", `{cases}` as "about one hazard in 3", `{rest}` as
+    `{often}` is set as "about once in 3 samples", `{cases}` as "about one hazard in 3 samples", `{rest}` as
     `{often}` of one minus that.
     """
 

@@ -67,16 +67,16 @@ def _title(board: Board, challenge: Challenge) -> str:
 
 
 def _often(share: float) -> str:
-    """Write a share as `about 4 times in 5`, on the nearest honest small fraction."""
+    """Write a share as `about 4 times in 5 samples`, on the nearest honest small fraction."""
     about, hits, of = _small_fraction(share)
     if hits in (0, of):
         return "every time" if hits else "not once"
-    return f"{about}{'once' if hits == 1 else f'{hits} times'} in {of}"
+    return f"{about}{'once' if hits == 1 else f'{hits} times'} in {of} samples"
 
 
 def _cases(share: float) -> str:
     about, hits, of = _small_fraction(share)
-    return f"{about}{'one hazard' if hits == 1 else f'{hits} hazards'} in {of}"
+    return f"{about}{'one hazard' if hits == 1 else f'{hits} hazards'} in {of} samples"
 
 
 def _small_fraction(share: float) -> tuple[str, int, int]:

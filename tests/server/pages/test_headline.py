@@ -41,17 +41,17 @@ def flagged(board: Board, *places: int) -> Board:
     ("ur", "title"),
     [
         (1.0, "Even the leading planner hits the hazard every time."),
-        (0.996, "Even the leading planner hits the hazard more than 99 times in 100."),
-        (0.78, "Even the leading planner hits the hazard about 7 times in 9."),
-        (0.8701, "Even the leading planner hits the hazard about 7 times in 8."),
-        (0.5, "The leading planner still hits one hazard in 2."),
-        (0.311, "The leading planner still hits about 3 hazards in 10."),
-        (0.988, "Even the leading planner hits the hazard about 99 times in 100."),
-        (0.012, "The leading planner stays out of the hazard about 99 times in 100."),
-        (0.02, "The leading planner stays out of the hazard 98 times in 100."),
+        (0.996, "Even the leading planner hits the hazard more than 99 times in 100 samples."),
+        (0.78, "Even the leading planner hits the hazard about 7 times in 9 samples."),
+        (0.8701, "Even the leading planner hits the hazard about 7 times in 8 samples."),
+        (0.5, "The leading planner still hits one hazard in 2 samples."),
+        (0.311, "The leading planner still hits about 3 hazards in 10 samples."),
+        (0.988, "Even the leading planner hits the hazard about 99 times in 100 samples."),
+        (0.012, "The leading planner stays out of the hazard about 99 times in 100 samples."),
+        (0.02, "The leading planner stays out of the hazard 98 times in 100 samples."),
         (
             0.0033,
-            "The leading planner stays out of the hazard more than 99 times in 100.",
+            "The leading planner stays out of the hazard more than 99 times in 100 samples.",
         ),
         (0.0, "The leading planner stays out of the hazard every time."),
     ],
@@ -268,7 +268,7 @@ def test_without_a_board_nothing_is_claimed() -> None:
 
 def test_the_strategy_challenge_is_said_in_its_own_words(strategy_board: Board) -> None:
     said = headline(strategy_board, STRATEGY, PROTOCOL)
-    assert said.title == "Even the leading agent is too careless about 2 times in 7."
+    assert said.title == "Even the leading agent is too careless about 2 times in 7 samples."
     assert "planner" not in " ".join(said.findings)
     assert [fact.label for fact in said.facts] == [
         "Samples scored",
