@@ -491,9 +491,9 @@ def leads(session: Session, phase_id: str) -> list[Lead]:
         .order_by(BoardFlip.at, BoardFlip.id)
     )
     aliases = aliases_in(session, phase_id)
+    found = (Lead(*row) for row in session.execute(query))
     return [
-        Lead(*of_board, leader and under_alias(leader, aliases))
-        for *of_board, leader in session.execute(query)
+        lead._replace(leader=lead.leader and under_alias(lead.leader, aliases)) for lead in found
     ]
 
 
