@@ -63,20 +63,15 @@ def _title(board: Board, challenge: Challenge) -> str:
     if share is None:
         return words.question
     sentence = next(text for least, text in words.by_share if share >= least)
-    return sentence.format(often=_often(share), cases=_cases(share), rest=_often(1 - share))
+    return sentence.format(often=_often(share), rest=_often(1 - share))
 
 
 def _often(share: float) -> str:
-    """Write a share as `about 4 times in 5 samples`, on the nearest honest small fraction."""
+    """Write a share as `in about 4 of 5 samples`, on the nearest honest small fraction."""
     about, hits, of = _small_fraction(share)
     if hits in (0, of):
         return "every time" if hits else "not once"
-    return f"{about}{'once' if hits == 1 else f'{hits} times'} in {of} samples"
-
-
-def _cases(share: float) -> str:
-    about, hits, of = _small_fraction(share)
-    return f"{about}{'one hazard' if hits == 1 else f'{hits} hazards'} in {of} samples"
+    return f"in {about}{'one' if hits == 1 else hits} of {of} samples"
 
 
 def _small_fraction(share: float) -> tuple[str, int, int]:
@@ -89,7 +84,7 @@ def _small_fraction(share: float) -> tuple[str, int, int]:
     if share in (0.0, 1.0):
         return "", int(share), 1
     if not 0.01 <= share <= 0.99:
-        return ("less than ", 1, 100) if share < 0.5 else ("more than ", 99, 100)
+        return ("less than ", 1, 100) if share < 0.5 else ("over ", 99, 100)
     small = [of for of in range(2, 11) if 0 < round(share * of) < of]
     near = [(abs(round(share * of) / of - share), of) for of in small]
     distance, of = min(near, default=(1.0, 100))

@@ -15,6 +15,7 @@ from exceptiondrive_schemas.board import Board, BoardEntry, PairedComparison
 from exceptiondrive_schemas.challenges import PLANNING, STRATEGY, RankKey
 from exceptiondrive_schemas.score_sheet import PairedDifference
 from exceptiondrive_server.boards.headline import headline
+from exceptiondrive_server.boards.pictures import TITLE_SIZE, TITLE_WIDTH, in_two_lines
 from exceptiondrive_server.boards.query import BoardQuery
 from exceptiondrive_server.boards.table import board_table
 
@@ -41,23 +42,25 @@ def flagged(board: Board, *places: int) -> Board:
     ("ur", "title"),
     [
         (1.0, "Even the leading planner hits the hazard every time."),
-        (0.996, "Even the leading planner hits the hazard more than 99 times in 100 samples."),
-        (0.78, "Even the leading planner hits the hazard about 7 times in 9 samples."),
-        (0.8701, "Even the leading planner hits the hazard about 7 times in 8 samples."),
-        (0.5, "The leading planner still hits one hazard in 2 samples."),
-        (0.311, "The leading planner still hits about 3 hazards in 10 samples."),
-        (0.988, "Even the leading planner hits the hazard about 99 times in 100 samples."),
-        (0.012, "The leading planner stays out of the hazard about 99 times in 100 samples."),
-        (0.02, "The leading planner stays out of the hazard 98 times in 100 samples."),
+        (0.996, "Even the leading planner hits the hazard in over 99 of 100 samples."),
+        (0.78, "Even the leading planner hits the hazard in about 7 of 9 samples."),
+        (0.8701, "Even the leading planner hits the hazard in about 7 of 8 samples."),
+        (0.5, "The leading planner still hits the hazard in one of 2 samples."),
+        (0.311, "The leading planner still hits the hazard in about 3 of 10 samples."),
+        (0.988, "Even the leading planner hits the hazard in about 99 of 100 samples."),
+        (0.012, "The leading planner stays out of the hazard in about 99 of 100 samples."),
+        (0.02, "The leading planner stays out of the hazard in 98 of 100 samples."),
         (
             0.0033,
-            "The leading planner stays out of the hazard more than 99 times in 100 samples.",
+            "The leading planner stays out of the hazard in over 99 of 100 samples.",
         ),
         (0.0, "The leading planner stays out of the hazard every time."),
     ],
 )
 def test_the_title_counts_what_the_leader_hits(lively_board: Board, ur: float, title: str) -> None:
     assert headline(with_ur(lively_board, ur), PLANNING, PROTOCOL).title == title
+    in_picture = in_two_lines(title, TITLE_SIZE, TITLE_WIDTH)
+    assert " ".join(in_picture) == title, "it is not cut there"
 
 
 @given(ur=st.floats(1e-9, 1 - 1e-9))
@@ -268,7 +271,7 @@ def test_without_a_board_nothing_is_claimed() -> None:
 
 def test_the_strategy_challenge_is_said_in_its_own_words(strategy_board: Board) -> None:
     said = headline(strategy_board, STRATEGY, PROTOCOL)
-    assert said.title == "Even the leading agent is too careless about 2 times in 7 samples."
+    assert said.title == "Even the leading agent is too careless in about 2 of 7 samples."
     assert "planner" not in " ".join(said.findings)
     assert [fact.label for fact in said.facts] == [
         "Samples scored",
