@@ -9,7 +9,7 @@ from pydantic import Field
 
 from exceptiondrive_schemas.api.phase_settings import BoardView, SplitPart
 from exceptiondrive_schemas.base import Document, canonical_json, pieces_digest
-from exceptiondrive_schemas.challenges import ChallengeId, RankKey
+from exceptiondrive_schemas.challenges import CHALLENGES, ChallengeId, RankKey
 from exceptiondrive_schemas.flags import bars_leading
 from exceptiondrive_schemas.method_facts import Links
 from exceptiondrive_schemas.protocol import Average
@@ -21,6 +21,7 @@ from exceptiondrive_schemas.score_sheet import (
     PairedDifference,
     ProtocolRef,
     ReminderEffect,
+    is_whole_percent,
 )
 from exceptiondrive_schemas.split import SplitRef
 
@@ -99,6 +100,16 @@ class BoardEntry(Document):
         """Whether it may be named as the best where it is: ranked, without a flag that bars that."""
         barred = self.flags and bars_leading(flag.code for flag in self.flags)
         return self.rank is not None and not barred
+
+
+def has_fine_intervals(intervals: Mapping[str, Interval | None], challenge: str) -> bool:
+    """Whether one of a share has an end that is no whole per cent."""
+    found = (
+        intervals.get(metric.key)
+        for metric in CHALLENGES[challenge].metrics
+        if metric.unit == "fraction"
+    )
+    return any(each is not None and not all(map(is_whole_percent, each)) for each in found)
 
 
 class BoardLeader(Document):
@@ -183,6 +194,11 @@ class Board(Document):
     """Which part of the split counts; left out where all samples do."""
     min_scenes: int | None = Field(default=None, exclude_if=lambda it: it is None)
     """Told where the split has fewer scenes than intervals take: no entry has any."""
+
+    @cached_property
+    def has_fine_intervals(self) -> bool:
+        """Whether an interval of a share is told finer than to whole per cents: of a withheld split none is."""
+        return any(has_fine_intervals(entry.intervals, self.challenge) for entry in self.entries)
 
     @cached_property
     def leader(self) -> BoardEntry | None:

@@ -22,8 +22,7 @@ from exceptiondrive_schemas.python310 import Self
 class HeadlineWords(Document):
     """The page's headline, chosen by the leader's second primary metric over all samples: it counts.
 
-    `{often}` is set as "about once in 3", `{cases}` as "about one hazard in 3", `{rest}` as
-    `{often}` of one minus that.
+    `{often}` is set as "in about one of 3 samples", `{rest}` as `{often}` of one minus that.
     """
 
     question: str
@@ -114,7 +113,7 @@ PLANNING_WORDS = ChallengeWords(
         "{second} (UR)",
         by_share=(
             (0.501, "Even the leading planner hits the hazard {often}."),
-            (0.1, "The leading planner still hits {cases}."),
+            (0.1, "The leading planner still hits the hazard {often}."),
             (0.0, "The leading planner stays out of the hazard {rest}."),
         ),
     ),

@@ -29,6 +29,11 @@ RowValue = Annotated[
 Interval = tuple[float, float]
 
 
+def is_whole_percent(share: float) -> bool:
+    """Whether a share needs no decimals as per cent."""
+    return abs(share - round(share, 2)) < 1e-8
+
+
 class ProtocolRef(Document):
     """Which protocol, by version and digest."""
 

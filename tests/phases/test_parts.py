@@ -12,6 +12,8 @@ from tests.support.documents import strategy_file
 from tests.support.worker import add_split
 
 from exceptiondrive_records.db.errors import PhaseClosed
+from exceptiondrive_records.protocols.protocols import find_protocol
+from exceptiondrive_records.splits.drawings import entry_drawings
 from exceptiondrive_records.splits.splits import find_split, list_splits
 from exceptiondrive_records.submissions.submissions import accept
 from exceptiondrive_records.submissions.tables import Submission
@@ -21,7 +23,11 @@ from exceptiondrive_schemas.datasheet import SplitChange
 from exceptiondrive_schemas.protocol import packaged_protocol
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_worker.sample.files import sample_datasheet
-from exceptiondrive_worker.splits.admin import SplitsRefusedError, add_split_file
+from exceptiondrive_worker.splits.admin import (
+    SplitsRefusedError,
+    add_split_file,
+    publish_split_file,
+)
 from exceptiondrive_worker.splits.faults import SplitRefusedError
 from exceptiondrive_worker.splits.store import SplitStore, SplitUnavailableError, load_split
 
@@ -392,6 +398,15 @@ def test_the_reveal_waits_for_the_deadline_then_flips_the_board_once(life: "Life
         "the private part of the split (3 samples) counts in place of the public part of the split"
     )
     assert changes == [f"{words} (2 samples)"]
+    assert "other samples count: the private part;" in life.get("/?phase=test").text
+    history = life.get("/history?phase=test").text
+    assert history.count("<polyline") == 4, "two a drawing, which no line joins"
+    assert ">other samples</text>" in history
+    for page in (
+        life.get(f"/rescoring/{run}"),
+        visitor(life, "organizer").get(f"/organize/rescoring/{run}/preview"),
+    ):
+        assert "other samples count, or the same ones" in page.text
 
 
 def test_a_reveal_that_is_rolled_back_stays_known(life: "Life") -> None:
@@ -583,3 +598,35 @@ def test_parts_must_be_complete(
     samples = {key: ("SE1", 10.0, part) for key, part in zip("ab", parts, strict=True)}
     with pytest.raises(SplitRefusedError, match=words):
         load_split(make_split(samples, "odd"), packaged_protocol())
+
+
+@pytest.mark.publishes_regions
+def test_of_a_published_split_both_parts_are_public_and_nothing_says_that_they_are_withheld(
+    life: "Life",
+) -> None:
+    life.make_phase()
+    submission = life.submit("alpha", CAREFUL)
+    life.work()
+    withheld = "nobody outside can see"
+    assert withheld in life.get("/?phase=test").text
+    assert "where its hazard lies" in life.get(f"/entries/{submission}").text
+    context = life.context
+    publish_split_file(
+        life.database, context.files, context.splits, "parted", packaged_protocol(), while_open=True
+    )
+    life.submit("beta", PUBLIC_ONLY)
+    life.work()
+    assert life.json("/api/v1/phases/test")["split_is_public"]
+    assert life.get("/api/v1/splits/parted").status_code == 200
+    assert withheld not in life.get("/?phase=test").text
+    assert "where its hazard lies" not in life.get(f"/entries/{submission}").text
+    for part, counted in (("public", {"b", "d"}), ("private", {"a", "c", "e"})):
+        with life.database.read() as session:
+            key = (submission, find_protocol(session, "1.0").digest, life.revisions()[part])
+            drawn = entry_drawings(session, *key)
+        assert drawn is not None
+        assert {each.drawing.sample_id for each in drawn.samples} == counted
+        if part == "public":
+            run = life.reveal()
+            life.move(closes_at=life.now())
+            life.apply(run)

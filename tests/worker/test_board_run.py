@@ -36,6 +36,11 @@ def row_of(board: Board, method: str) -> BoardEntry:
     return row
 
 
+def rename(world: World, submission_id: str, method: str) -> None:
+    with world.database.write() as session:
+        edit_submission(session, submission_id, SubmissionChange(method=method), actor="team:1")
+
+
 def test_entries_rank_by_hcc_and_ties_share_a_rank(
     phase: World, tiny: Split, planning_file: MakeFile
 ) -> None:
@@ -204,6 +209,45 @@ def test_previous_ranks_come_from_the_board_before(
     board = build(phase)
     assert (row_of(board, "old").rank, row_of(board, "old").previous_rank) == (2, 1)
     assert (row_of(board, "new").rank, row_of(board, "new").previous_rank) == (1, None)
+
+
+def test_methods_that_exchange_their_names_move_no_rank(
+    phase: World, tiny: Split, planning_file: MakeFile
+) -> None:
+    better = phase.score(planning_file(tiny, edited_mps=1.0), method="one")
+    worse = phase.score(planning_file(tiny, edited_mps=2.2), method="two")
+    build(phase)
+    rename(phase, better, "free")
+    rename(phase, worse, "one")
+    rename(phase, better, "two")
+    assert [(row.method, row.rank, row.previous_rank) for row in build(phase).entries] == [
+        ("two", 1, 1),
+        ("one", 2, 2),
+    ]
+
+
+def test_a_new_method_does_not_come_from_where_one_stands_that_had_its_name(
+    phase: World, tiny: Split, planning_file: MakeFile
+) -> None:
+    stays = phase.score(planning_file(tiny, edited_mps=2.2), method="m")
+    build(phase)
+    rename(phase, stays, "other")
+    phase.score(planning_file(tiny, edited_mps=1.0), method="m")
+    assert [(row.method, row.previous_rank) for row in build(phase).entries] == [
+        ("m", None),
+        ("other", 1),
+    ]
+
+
+def test_the_next_run_of_a_method_comes_from_where_the_one_before_stood(
+    phase: World, tiny: Split, planning_file: MakeFile
+) -> None:
+    phase.score(planning_file(tiny, edited_mps=1.0), method="first")
+    phase.score(planning_file(tiny, edited_mps=2.2), method="m")
+    build(phase)
+    phase.score(planning_file(tiny, edited_mps=0.5), method="m")
+    row = row_of(build(phase), "m")
+    assert (row.rank, row.previous_rank) == (1, 2)
 
 
 def test_a_withdrawn_entry_leaves_the_board(

@@ -485,7 +485,10 @@ def test_cars_that_stand_are_driven_as_they_are_measured(
     ("command", "told"),
     [
         ("register-splits", ("sample ids", "family sizes", "warnings by count", "datasheet")),
-        ("publish-split", ("regions", "tasks", "controls", "recorded paths", "taken back")),
+        (
+            "publish-split",
+            ("regions", "tasks", "controls", "recorded paths", "private part", "taken back"),
+        ),
     ],
 )
 def test_the_help_says_what_leaves_the_worker(
@@ -495,6 +498,19 @@ def test_the_help_says_what_leaves_the_worker(
     assert code == 0
     text = " ".join(out.split())
     assert [words for words in told if words not in text] == []
+
+
+@pytest.mark.publishes_regions
+@pytest.mark.parametrize("has_parts", [True, False])
+def test_publishing_says_where_a_private_part_goes_public_too(
+    operate: Operate, make_split: MakeSplit, tmp_path: Path, has_parts: bool
+) -> None:
+    parts = {"a": {"part": "public"}, "b": {"part": "private"}}
+    split = make_split(parts if has_parts else {"a": {}, "b": {}})
+    put(tmp_path, split)
+    code, out, _ = operate("publish-split", "tiny")
+    assert code == 0
+    assert out.endswith(f"{split.revision}{', its private part, too' if has_parts else ''}\n")
 
 
 def test_publishing_an_unknown_split_says_so(operate: Operate) -> None:

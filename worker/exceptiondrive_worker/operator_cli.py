@@ -261,7 +261,8 @@ def publish_split(
 ) -> None:
     """Make a development split public for ever: regions, tasks, scenes, controls, recorded paths.
 
-    This cannot be taken back. What a phase on it scores is no test any more.
+    Of a split with parts the private part goes public, too. This cannot be taken back. What a phase on
+    it scores is no test any more.
     """
     settings = load_settings(WorkerSettings, data)
     files, splits = FileStore(settings.file_store_url), SplitStore(settings.splits_dir)
@@ -269,7 +270,8 @@ def publish_split(
         registered = publish_split_file(
             database, files, splits, name, _protocol(protocol), while_open=while_open
         )
-    typer.echo(f"{name} is public now, at {registered.manifest.revision}")
+    with_parts = ", its private part, too" if registered.has_parts else ""
+    typer.echo(f"{name} is public now, at {registered.manifest.revision}{with_parts}")
 
 
 @app.command("publish-pictures")

@@ -457,27 +457,43 @@ def _leader_of(board: Board) -> BoardLeader | None:
 
 
 class Lead(NamedTuple):
-    """From when a board was shown, under which protocol it stands and who leads it."""
+    """From when a board was shown, under which protocol and of which samples it is and who leads it."""
 
     at: datetime
     number: int
     protocol: str
+    split_revision: str
+    part: SplitPart | None
     leader: BoardLeader | None
+
+
+def is_what_counts() -> ColumnElement[bool]:
+    """Condition on `SplitRow`: the revision, or the part, of its phase's split that a board counts."""
+    return (SplitRow.name == Phase.split_name) & (SplitRow.revision == BoardRow.split_revision)
 
 
 def leads(session: Session, phase_id: str) -> list[Lead]:
     """Return who led a phase since when, oldest first; no board is read for that."""
     query = (
-        select(BoardFlip.at, BoardRow.number, ProtocolRow.version, BoardRow.leader)
+        select(
+            BoardFlip.at,
+            BoardRow.number,
+            ProtocolRow.version,
+            SplitRow.revision,
+            SplitRow.part,
+            BoardRow.leader,
+        )
         .join(BoardRow, BoardRow.id == BoardFlip.board_id)
         .join(ProtocolRow, ProtocolRow.digest == BoardRow.protocol_digest)
+        .join(Phase, Phase.id == BoardFlip.phase_id)
+        .join(SplitRow, is_what_counts())
         .where(BoardFlip.phase_id == phase_id)
         .order_by(BoardFlip.at, BoardFlip.id)
     )
     aliases = aliases_in(session, phase_id)
+    found = (Lead(*row) for row in session.execute(query))
     return [
-        Lead(at, number, version, leader and under_alias(leader, aliases))
-        for at, number, version, leader in session.execute(query)
+        lead._replace(leader=lead.leader and under_alias(lead.leader, aliases)) for lead in found
     ]
 
 

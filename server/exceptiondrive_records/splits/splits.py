@@ -123,7 +123,7 @@ def register_split(
 def publish_split(
     session: Session, name: str, revision: str, file_digest: str, actor: str
 ) -> SplitRow:
-    """Mark a split as a development split whose whole file anyone may have.
+    """Mark a split, and its parts, as a development split whose whole file anyone may have.
 
     Raises:
         NotFound: No such split.
@@ -134,7 +134,9 @@ def publish_split(
         return row
     if row.public_file_digest is not None:
         raise Conflict(f"Split {name!r} was published as another file ({row.public_file_digest}).")
-    row.public_file_digest = file_digest
+    parts = [part for part in (row.public_revision, row.private_revision) if part is not None]
+    for each in (row, *(find_split(session, name, part) for part in parts)):
+        each.public_file_digest = each.public_file_digest or file_digest
     audit(
         session, actor, "split published", name, {"revision": revision, "file_digest": file_digest}
     )

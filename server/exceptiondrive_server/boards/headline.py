@@ -7,11 +7,13 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 
+from exceptiondrive_records.splits.splits import part_words
+from exceptiondrive_schemas.api.phase_settings import SplitPart
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.challenges import Challenge
 from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.protocol import ProtocolDocument
-from exceptiondrive_server.boards.entry_facts import flags_of, is_listed, primary_metrics
+from exceptiondrive_server.boards.entry_facts import entry_key, flags_of, is_listed, primary_metrics
 from exceptiondrive_server.boards.query import AVERAGE_TITLES, BoardQuery
 from exceptiondrive_server.web.numbers import DASH, Digits, day, grouped, listed, with_unit
 
@@ -61,20 +63,15 @@ def _title(board: Board, challenge: Challenge) -> str:
     if share is None:
         return words.question
     sentence = next(text for least, text in words.by_share if share >= least)
-    return sentence.format(often=_often(share), cases=_cases(share), rest=_often(1 - share))
+    return sentence.format(often=_often(share), rest=_often(1 - share))
 
 
 def _often(share: float) -> str:
-    """Write a share as `about 4 times in 5`, on the nearest honest small fraction."""
+    """Write a share as `in about 4 of 5 samples`, on the nearest honest small fraction."""
     about, hits, of = _small_fraction(share)
     if hits in (0, of):
         return "every time" if hits else "not once"
-    return f"{about}{'once' if hits == 1 else f'{hits} times'} in {of}"
-
-
-def _cases(share: float) -> str:
-    about, hits, of = _small_fraction(share)
-    return f"{about}{'one hazard' if hits == 1 else f'{hits} hazards'} in {of}"
+    return f"in {about}{'one' if hits == 1 else hits} of {of} samples"
 
 
 def _small_fraction(share: float) -> tuple[str, int, int]:
@@ -87,7 +84,7 @@ def _small_fraction(share: float) -> tuple[str, int, int]:
     if share in (0.0, 1.0):
         return "", int(share), 1
     if not 0.01 <= share <= 0.99:
-        return ("less than ", 1, 100) if share < 0.5 else ("more than ", 99, 100)
+        return ("less than ", 1, 100) if share < 0.5 else ("over ", 99, 100)
     small = [of for of in range(2, 11) if 0 < round(share * of) < of]
     near = [(abs(round(share * of) / of - share), of) for of in small]
     distance, of = min(near, default=(1.0, 100))
@@ -147,6 +144,19 @@ def _could_too(place: int, n: int) -> str:
     return f", though {counted(n, 'other', 'others')} {could}" if n else ""
 
 
+def what_else_tells(board: Board, could_be_first: Sequence[BoardEntry]) -> str:
+    """Say why fewer could be first than rank intervals reach the first place; empty where as many do."""
+    kept = {entry_key(entry) for entry in could_be_first}
+    reach = (entry for entry in board.entries if (entry.rank_interval or (0,))[0] == 1)
+    left_out = [entry for entry in reach if entry_key(entry) not in kept]
+    leader = board.leader
+    behind = {pair.b for pair in board.comparisons if leader and pair.a == leader.submission_id}
+    words = ", as they compare sample by sample" if left_out else ""
+    if any(entry.submission_id not in behind for entry in left_out):
+        words += "; entries of one team are not compared"
+    return words
+
+
 def _above(above: Sequence[BoardEntry]) -> Iterator[str]:
     if len(above) > MAX_NAMED:
         yield f"The {len(above)} that rank above it are flagged, and do not lead."
@@ -162,6 +172,8 @@ class BoardBefore:
 
     number: int
     protocol: str
+    split_revision: str
+    part: SplitPart | None
     published_at: datetime
 
 
@@ -176,12 +188,16 @@ class ChangeLine:
 
 
 def change_line(board: Board, before: BoardBefore | None) -> ChangeLine:
-    """Say what is new: the protocol, entries, ranks."""
+    """Say what is new: the protocol, the samples that count, entries, ranks."""
     history_url = f"/history?phase={board.phase}"
     if before is None:
         return ChangeLine("This is the first board of its phase.", history_url, None)
     is_updated = before.protocol != board.protocol.version
     parts = [f"protocol {before.protocol} became {board.protocol.version}"] if is_updated else []
+    if before.part != board.part:
+        parts.append(f"other samples count: {part_words(board.part)}")
+    elif before.split_revision != board.split.revision:
+        parts.append("another revision of the split counts")
     parts += moves_on(board)
     since = f"Since board {before.number} of {day(before.published_at)}"
     words = f"{since}: {'; '.join(parts)}." if parts else f"{since} no rank moved."

@@ -1,4 +1,4 @@
-"""Who led a phase since when and with which value, with its changes of protocol."""
+"""Who led a phase since when and with which value, with its changes of protocol and samples."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,6 +6,7 @@ from datetime import datetime, timedelta
 from typing import NamedTuple
 
 from exceptiondrive_records.boards.boards import Lead
+from exceptiondrive_records.splits.splits import part_words
 from exceptiondrive_schemas.board import BoardLeader
 from exceptiondrive_schemas.challenges import Metric
 from exceptiondrive_server.boards.charts import Box, Frame, Label, Tick, place_labels, ticks_of
@@ -13,31 +14,31 @@ from exceptiondrive_server.web.numbers import Digits, day, minute, nice_scale, p
 
 N_DATES = 4
 CHARACTER_WIDTH = 6.5
-"""Of the names of protocols, in SVG units."""
+"""Of the words of marks, in SVG units."""
 
 
 class LeadPoint(NamedTuple):
-    """A board on which the leader, its value or the protocol changed; SVG units."""
+    """A board on which the leader, its value or what it is a value of changed; SVG units."""
 
     x: str
     y: str
     title: str
     is_new: bool
-    """Whether another one led before."""
+    """Whether another one, or nobody, led before."""
 
 
-class ProtocolMark(NamedTuple):
-    """From where on the values are those of another protocol."""
+class Mark(NamedTuple):
+    """From where on the values are those of another protocol, or of other samples."""
 
     x: str
-    version: str
-    """Empty where a later change is so near that its name stands here."""
+    words: str
+    """Empty where a later change is so near that its words stand here."""
     anchor: str
 
 
 @dataclass(frozen=True)
 class LeadChart:
-    """Steps of the best value; a step never crosses a change of protocol."""
+    """Steps of the best value; a step never crosses a mark, nor a time in which nobody led."""
 
     frame: Frame
     x_ticks: tuple[Tick, ...]
@@ -45,7 +46,7 @@ class LeadChart:
     steps: tuple[str, ...]
     points: tuple[LeadPoint, ...]
     labels: tuple[Label, ...]
-    protocols: tuple[ProtocolMark, ...]
+    marks: tuple[Mark, ...]
     x_title: str
     metric: Metric
     description: str
@@ -56,7 +57,10 @@ class _Change(NamedTuple):
     name: str
     value: float
     is_new_leader: bool
-    is_new_protocol: bool
+    mark: str
+    """What is another than before; empty where nothing is."""
+    until: datetime | None = None
+    """Since when nobody led any more."""
 
 
 def lead_chart(
@@ -82,20 +86,24 @@ def lead_chart(
     scale = nice_scale(values, frame.upwards, floor=0.0, ceiling=100.0)
     places = [(along(change.lead.at), scale.at(100 * change.value)) for change in changes]
     ends = [*(x for x, _ in places[1:]), right]
+    ends = [
+        end if change.until is None else along(change.until)
+        for change, end in zip(changes, ends, strict=True)
+    ]
     steps: list[list[str]] = []
+    is_joined = False
     for change, (x, y), end in zip(changes, places, ends, strict=True):
-        if change.is_new_protocol or not steps:
+        if change.mark or not is_joined:
             steps.append([])
         steps[-1] += [f"{px(x)},{px(y)}", f"{px(end)},{px(y)}"]
+        is_joined = change.until is None
     named = [
         (change.name, x, y)
         for change, (x, y) in zip(changes, places, strict=True)
         if change.is_new_leader
     ]
     marks = [
-        (change.lead.protocol, x)
-        for change, (x, _) in zip(changes, places, strict=True)
-        if change.is_new_protocol
+        (change.mark, x) for change, (x, _) in zip(changes, places, strict=True) if change.mark
     ]
     room = Box(left + 2, frame.top, right + 12, frame.bottom - 2)
     flats = [Box(x, y - 2, end, y + 2) for (x, y), end in zip(places, ends, strict=True) if end > x]
@@ -109,7 +117,7 @@ def lead_chart(
             for change, (x, y) in zip(changes, places, strict=True)
         ),
         labels=place_labels(named, room, flats),
-        protocols=_protocol_marks(marks, (left + right) / 2),
+        marks=_marks(marks, (left + right) / 2),
         x_title=_time_title(start, now),
         metric=metric,
         description=f"{metric.label} of who led, in per cent over time. "
@@ -117,18 +125,18 @@ def lead_chart(
     )
 
 
-def _protocol_marks(marks: Sequence[tuple[str, float]], middle: float) -> tuple[ProtocolMark, ...]:
-    """Return the changes of protocol; of those whose names would lie on one another the last is named."""
-    found: list[ProtocolMark] = []
+def _marks(marks: Sequence[tuple[str, float]], middle: float) -> tuple[Mark, ...]:
+    """Return the marks; of those whose words would lie on one another the last has them."""
+    found: list[Mark] = []
     taken: list[tuple[float, float]] = []
-    for version, x in reversed(marks):
-        width = CHARACTER_WIDTH * len(f"protocol {version}  ")
+    for words, x in reversed(marks):
+        width = CHARACTER_WIDTH * len(f"{words}  ")
         begin, end = (x, x + width) if x < middle else (x - width, x)
         is_free = all(end <= low or high <= begin for low, high in taken)
         if is_free:
             taken.append((begin, end))
         anchor = "start" if x < middle else "end"
-        found.append(ProtocolMark(px(x), version if is_free else "", anchor))
+        found.append(Mark(px(x), words if is_free else "", anchor))
     return tuple(reversed(found))
 
 
@@ -138,29 +146,43 @@ def takers(leads: Sequence[Lead]) -> list[Lead]:
 
 
 def _changes(leads: Sequence[Lead]) -> list[_Change]:
-    """Boards that say something else than the one before; those without a leader are left out.
+    """Boards with a leader that say something else than the one before.
 
     An entry that was renamed, or whose pseudonym was lifted, still leads.
     """
     found: list[_Change] = []
     led: BoardLeader | None = None
     for lead in leads:
+        before = found[-1] if found else None
         if lead.leader is None:
+            if before is not None and before.until is None:
+                found[-1] = before._replace(until=lead.at)
             continue
-        name, before = lead.leader.method, found[-1] if found else None
+        name = lead.leader.method
         is_same = led is not None and led.submission_id == lead.leader.submission_id
         led = lead.leader
-        is_new = before is None or (before.name != name and not is_same)
-        is_other = before is not None and before.lead.protocol != lead.protocol
-        if before is None or is_new or is_other or before.value != lead.leader.value:
-            found.append(_Change(lead, name, lead.leader.value, is_new, is_other or before is None))
+        mark = _mark(before, lead)
+        is_new = before is None or before.until is not None or (before.name != name and not is_same)
+        if before is None or is_new or mark or before.value != lead.leader.value:
+            found.append(_Change(lead, name, lead.leader.value, is_new, mark))
     return found
 
 
+def _mark(before: _Change | None, lead: Lead) -> str:
+    """Say of what else the values are than before; of the first, under which protocol."""
+    if before is None or before.lead.protocol != lead.protocol:
+        return f"protocol {lead.protocol}"
+    if before.lead.part != lead.part:
+        return "other samples"
+    return "split revised" if before.lead.split_revision != lead.split_revision else ""
+
+
 def _title(change: _Change, metric: Metric, digits: Digits) -> str:
+    part = f", {part_words(change.lead.part)}" if change.lead.part else ""
+    until = f", until {minute(change.until)}" if change.until else ""
     return (
-        f"{minute(change.lead.at)}: {change.name} leads with {metric.label} "
-        f"{digits.text(metric, change.value)} %, protocol {change.lead.protocol}"
+        f"{minute(change.lead.at)}{until}: {change.name} leads with {metric.label} "
+        f"{digits.text(metric, change.value)} %, protocol {change.lead.protocol}{part}"
     )
 
 

@@ -12,6 +12,7 @@ from exceptiondrive_records.boards.boards import (
     board_at,
     current_board,
     find_board,
+    is_what_counts,
     late_board,
     latest_public_board,
     parsed_board,
@@ -326,9 +327,17 @@ def _board_before(session: Session, row: BoardRow) -> BoardBefore | None:
         .scalar_subquery()
     )
     query = (
-        select(BoardRow.number, ProtocolRow.version, BoardRow.told_at)
+        select(
+            BoardRow.number,
+            ProtocolRow.version,
+            SplitRow.revision,
+            SplitRow.part,
+            BoardRow.told_at,
+        )
         .join(BoardFlip, BoardFlip.board_id == BoardRow.id)
         .join(ProtocolRow, ProtocolRow.digest == BoardRow.protocol_digest)
+        .join(Phase, Phase.id == BoardRow.phase_id)
+        .join(SplitRow, is_what_counts())
         .where(BoardFlip.id == before)
     )
     found = session.execute(query).first()

@@ -26,6 +26,7 @@ from exceptiondrive_server.boards.entry_facts import (
     primary_metrics,
     values_of,
 )
+from exceptiondrive_server.boards.headline import what_else_tells
 from exceptiondrive_server.boards.query import (
     AVERAGE_TITLES,
     BY_RANK,
@@ -525,13 +526,7 @@ class BoardTable:
         found = [*self.first_of_all.values()]
         if not found:
             return ""
-        from_1 = [each for each in self.board.entries if (each.rank_interval or (0,))[0] == 1]
-        told_by = ", as they compare sample by sample" if len(from_1) > len(found) else ""
-        leader = self.board.leader
-        behind = {it.b for it in self.board.comparisons if leader and it.a == leader.submission_id}
-        left_out = (each for each in from_1 if entry_key(each) not in self.first_of_all)
-        if any(each.submission_id not in behind for each in left_out):
-            told_by += "; entries of one team are not compared"
+        told_by = what_else_tells(self.board, found)
         if len(found) == 1:
             return f"Marked at the left: {found[0].method}, which alone could be first{told_by}."
         return f"Marked at the left: the {len(found)} that could be first{told_by}."
@@ -747,7 +742,7 @@ def board_table(
     }
     query = query.model_copy(update=columns)
     average = query.average or board.headline
-    digits = Digits.of(protocol.publication)
+    digits = Digits.of(protocol.publication, has_fine_intervals=board.has_fine_intervals)
     builder = RowBuilder.of(board, average, digits, query, is_current, facts)
     found = sort_entries(board, found_entries(board, query, facts), query.sort, average)
     by_source = {source: [e for e in found if e.source == source] for source in SOURCES}

@@ -34,7 +34,8 @@ from exceptiondrive_server.web.numbers import Digits, listed
 def compare_page(reading: ComparedEntries) -> dict[str, Any]:
     """Return what `compare.html` shows; without two entries there is nothing to compare."""
     shown, board, entries = reading.board, reading.board.board, reading.entries
-    digits = Digits.of(shown.protocol.publication)
+    has_fine = board is not None and board.has_fine_intervals
+    digits = Digits.of(shown.protocol.publication, has_fine_intervals=has_fine)
     keys = tuple(entry_key(entry) for entry in entries)
     page = {
         "shown": shown,

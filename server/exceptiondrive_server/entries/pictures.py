@@ -23,7 +23,9 @@ NAME_SIZE = 64
 def entry_picture(reading: EntryData) -> str:
     """Draw an entry as SVG."""
     board, entry = reading.board, reading.entry
-    builder = RowBuilder.of(board, board.headline, Digits.of(reading.protocol.publication))
+    publication = reading.protocol.publication
+    digits = Digits.of(publication, has_fine_intervals=board.has_fine_intervals)
+    builder = RowBuilder.of(board, board.headline, digits)
     row, first = builder.row(entry), challenge_of(board).metrics[0]
     position = position_of(row, board)
     figures = [("Rank", position.rank, position.note or ("not ranked" if position.reason else ""))]

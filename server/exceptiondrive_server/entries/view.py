@@ -68,7 +68,8 @@ def bar_of(part: Part, challenge: Challenge, digits: Digits) -> OutcomeBar | Non
 def entry_page(reading: EntryData) -> dict[str, Any]:
     """Return what `entry.html` shows of an entry."""
     board, entry, sheet = reading.board, reading.entry, reading.sheet
-    challenge, digits = challenge_of(board), Digits.of(reading.protocol.publication)
+    challenge, publication = challenge_of(board), reading.protocol.publication
+    digits = Digits.of(publication, has_fine_intervals=board.has_fine_intervals)
     builder = RowBuilder.of(board, board.headline, digits, is_current=reading.is_current)
     row, plausibility = builder.row(entry), reading.protocol.plausibility
     other = OTHER_AVERAGE[board.headline]

@@ -4,6 +4,7 @@ from fastapi import APIRouter, Request
 from fastapi.responses import Response
 from sqlalchemy.orm import Session
 
+from exceptiondrive_records.boards.boards import find_board, parsed_board
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.news.news import news_of
 from exceptiondrive_records.phases.phases import shown_phase
@@ -12,6 +13,7 @@ from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.splits.splits import find_split
 from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.flags import FLAGS
+from exceptiondrive_server.boards.headline import what_else_tells
 from exceptiondrive_server.boards.queries import phase_link
 from exceptiondrive_server.news.views import news_view
 from exceptiondrive_server.phases.report import has_ended, report_of
@@ -55,11 +57,16 @@ def show_report(request: Request, phase_id: PhaseId) -> Response:
     def read(session: Session) -> Reading:
         phase = shown_phase(session, phase_id, with_hidden=browser_sees_hidden(session, request))
         report = report_of(session, phase)
+        board = parsed_board(find_board(session, phase.id, report.board))
+        protocol = find_protocol(session, report.protocol.digest)
+        challenge = CHALLENGES[report.challenge]
+        could = board.contenders(protocol.ranking.order_of(challenge)[0])
         shown = {
             "report": report,
-            "challenge": CHALLENGES[report.challenge],
+            "challenge": challenge,
             "flags": FLAGS,
-            "digits": Digits.of(find_protocol(session, report.protocol.digest).publication),
+            "digits": Digits.of(protocol.publication, has_fine_intervals=board.has_fine_intervals),
+            "told_by": what_else_tells(board, could),
         }
         return report, lambda: shown
 

@@ -10,7 +10,7 @@ from functools import cached_property, lru_cache, partial
 from exceptiondrive_schemas.challenges import Metric
 from exceptiondrive_schemas.printable import MINUS, counted, decimal_text
 from exceptiondrive_schemas.protocol import PublicationSection
-from exceptiondrive_schemas.score_sheet import Interval
+from exceptiondrive_schemas.score_sheet import Interval, is_whole_percent
 
 THIN_SPACE = "\u202f"
 DASH = "\u2013"
@@ -25,11 +25,14 @@ class Digits:
 
     percent: int = 2
     metre: int = 2
+    has_fine_intervals: bool = False
+    """Whether intervals beside each other are told finer than to whole per cents."""
 
     @classmethod
-    def of(cls, publication: PublicationSection) -> "Digits":
+    def of(cls, publication: PublicationSection, *, has_fine_intervals: bool = False) -> "Digits":
         """Return the digits that a protocol publishes."""
-        return cls(publication.percent_decimals, publication.metre_decimals)
+        decimals = publication.percent_decimals, publication.metre_decimals
+        return cls(*decimals, has_fine_intervals)
 
     def text(self, metric: Metric, value: float | None) -> str | None:
         """Write a published metric without its unit; None stays None (undefined is never zero)."""
@@ -86,13 +89,13 @@ class Digits:
     def interval(self, metric: Metric, interval: Interval | None, *, signed: bool = False) -> str:
         """Write `57.30 to 65.50`; nothing where no interval is known.
 
-        One that was rounded to whole per cents, as of withheld splits, claims no decimals.
+        One that was rounded to whole per cents, as of withheld splits, claims no decimals, but where
+        others beside it have them.
         """
         if interval is None:
             return ""
-        low, high = 100 * interval[0], 100 * interval[1]
-        is_whole = abs(low - round(low)) < 1e-6 and abs(high - round(high)) < 1e-6
-        digits = _WHOLE if is_whole and metric.unit == "fraction" else self
+        is_coarse = not self.has_fine_intervals and all(map(is_whole_percent, interval))
+        digits = _WHOLE if is_coarse and metric.unit == "fraction" else self
         write = digits.signed if signed else digits.text
         return " to ".join([write(metric, end) or "" for end in interval])
 

@@ -1,13 +1,18 @@
 """What changed since the board before, in one line; and boards of the past say that they are."""
 
 import re
+from dataclasses import replace
 from datetime import UTC, datetime
 from typing import Any
+
+import pytest
+from tests.server.pages.invented_board import MANIFEST
 
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_server.boards.headline import BoardBefore, change_line
 
-BEFORE = BoardBefore(6, "1.0", datetime(2026, 11, 20, 9, 0, tzinfo=UTC))
+AT = datetime(2026, 11, 20, 9, 0, tzinfo=UTC)
+BEFORE = BoardBefore(6, "1.0", MANIFEST.revision, None, AT)
 
 
 def with_ranks(board: Board, previous: dict[int, int | None]) -> Board:
@@ -35,9 +40,25 @@ def test_many_are_counted_and_not_named(lively_board: Board) -> None:
 
 
 def test_a_protocol_update_comes_first_and_leads_to_its_page(lively_board: Board) -> None:
-    line = change_line(with_ranks(lively_board, {}), BoardBefore(6, "0.9", BEFORE.published_at))
+    line = change_line(with_ranks(lively_board, {}), replace(BEFORE, protocol="0.9"))
     assert line.words == "Since board 6 of 20 Nov 2026: protocol 0.9 became 1.0."
     assert line.protocol_url == "/protocols/1.0"
+
+
+@pytest.mark.parametrize(
+    ("part", "before", "words"),
+    [
+        ("private", "public", "other samples count: the private part."),
+        (None, "public", "other samples count: all samples."),
+        ("public", "public", "another revision of the split counts."),
+    ],
+)
+def test_other_samples_are_said_where_no_rank_moved(
+    lively_board: Board, part: str | None, before: Any, words: str
+) -> None:
+    board = with_ranks(lively_board, {}).model_copy(update={"part": part})
+    line = change_line(board, replace(BEFORE, split_revision="sha256:" + "9" * 64, part=before))
+    assert line.words == f"Since board 6 of 20 Nov 2026: {words}"
 
 
 def test_nothing_new_and_nothing_before_are_said(lively_board: Board) -> None:

@@ -306,7 +306,7 @@ async def test_the_strategy_challenge_has_a_board_of_its_own_metrics(
     assert "Under-warning" in text
     assert "61.25" in text
     assert "HCC" not in text.split('<section id="board"')[1].split('id="submit"')[0]
-    assert "Even the leading agent is too careless about 2 times in 7." in text
+    assert "Even the leading agent is too careless in about 2 of 7 samples." in text
     assert "% Accuracy or more</span>" in text
     right = FamilyCell.model_validate({"n": 9, "accuracy": 1.0})
     entries = tuple(

@@ -8,7 +8,7 @@ import asyncio
 import csv
 import io
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from fractions import Fraction
 from pathlib import Path
 from statistics import fmean
@@ -91,12 +91,12 @@ def check_the_title(title: str, board: Board) -> None:
     if "every time" in title:
         assert share == 1
         return
-    found = re.search(r"(about |more than |less than )?(once|one|\d+)(?: \w+)? in (\d+)\.", title)
+    found = re.search(r"in (about |over |less than )?(one|\d+) of (\d+) samples\.", title)
     assert found is not None, title
     near, hits, of = found.groups()
-    said = Fraction(1 if hits in ("once", "one") else int(hits), int(of))
+    said = Fraction(1 if hits == "one" else int(hits), int(of))
     assert 0 < said < 1
-    if near == "more than ":
+    if near == "over ":
         assert said < share < 1
     elif near == "less than ":
         assert 0 < share < said
@@ -202,7 +202,7 @@ def check_the_rows(page: Node, board: Board, average: str) -> None:
         for metric in metrics:
             interval = entry.intervals.get(metric.key) if average != "micro" else None
             cell = row.one("td", metric.key)
-            check_the_number(cell, metric.label, values[metric.key], interval)
+            check_the_number(cell, metric.label, values[metric.key], interval, board)
             is_best = entry in contenders(board) and percent(values[metric.key]) == best[metric.key]
             number = row.one("td", metric.key).one("b")
             assert ("best" in number.classes) == is_best
@@ -217,7 +217,7 @@ def check_the_range(row: Node, entry: BoardEntry) -> None:
 
 
 def check_the_number(
-    cell: Node, label: str, known: float | None, interval: Interval | None
+    cell: Node, label: str, known: float | None, interval: Interval | None, board: Board
 ) -> None:
     """One decimal in the cell, all of them on hover; beside it how far the interval reaches."""
     value = known or 0.0
@@ -237,7 +237,7 @@ def check_the_number(
     else:
         for sign, way in (("\u2212", below), ("+", above)):
             assert abs(ways.get(sign, 0.0) - way) <= (0.0501 if sign in ways else 0.0051)
-    assert span_words(interval) in cell["title"]
+    assert span_words(interval, board) in cell["title"]
 
 
 def values_of(entry: BoardEntry, average: str) -> MetricRow:
@@ -285,9 +285,12 @@ def check_the_average(page: Node, average: str) -> None:
     assert all(mean.startswith("1 F") == (average == "macro_family") for mean in means)
 
 
-def span_words(span: Sequence[float]) -> str:
-    """One of whole per cents, as of withheld splits, claims no decimals."""
-    is_whole = all(abs(100 * end - round(100 * end)) <= 1e-6 for end in span)
+def span_words(span: tuple[float, float], board: Board) -> str:
+    """Where all of a board are of whole per cents, as of withheld splits, none claims decimals."""
+    shares = [metric.key for metric in challenge_of(board).metrics if metric.unit == "fraction"]
+    told = [span, *(entry.intervals.get(key) for entry in board.entries for key in shares)]
+    ends = [end for each in told if each for end in each]
+    is_whole = all(abs(100 * end - round(100 * end)) <= 1e-6 for end in ends)
     return " to ".join(str(percent(end)).removesuffix(".00" if is_whole else "") for end in span)
 
 
@@ -380,7 +383,7 @@ def check_the_dots(section: Node, board: Board, expected: list[str]) -> None:
             words = f"{entry.method} {percent(cell.metrics[metric.key])} %"
             span = cell.intervals.get(metric.key)
             if span:
-                words += f" ({span_words(span)})"
+                words += f" ({span_words(span, board)})"
             true.append(f"{short_title(title)}: {words}")
     groups = [group for group in svg.all("g") if group.all("title")]
     assert [group.one("title").text for group in groups] == true

@@ -1,16 +1,21 @@
 """The sentences on top come from the numbers."""
 
 from itertools import count
+from typing import Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from tests.server.pages.invented_board import PROTOCOL, STILL
+from tests.server.pages.reading import read
 
+from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.phases.phases import find_phase
 from exceptiondrive_schemas.board import Board, BoardEntry, PairedComparison
 from exceptiondrive_schemas.challenges import PLANNING, STRATEGY, RankKey
 from exceptiondrive_schemas.score_sheet import PairedDifference
 from exceptiondrive_server.boards.headline import headline
+from exceptiondrive_server.boards.pictures import TITLE_SIZE, TITLE_WIDTH, in_two_lines
 from exceptiondrive_server.boards.query import BoardQuery
 from exceptiondrive_server.boards.table import board_table
 
@@ -37,23 +42,25 @@ def flagged(board: Board, *places: int) -> Board:
     ("ur", "title"),
     [
         (1.0, "Even the leading planner hits the hazard every time."),
-        (0.996, "Even the leading planner hits the hazard more than 99 times in 100."),
-        (0.78, "Even the leading planner hits the hazard about 7 times in 9."),
-        (0.8701, "Even the leading planner hits the hazard about 7 times in 8."),
-        (0.5, "The leading planner still hits one hazard in 2."),
-        (0.311, "The leading planner still hits about 3 hazards in 10."),
-        (0.988, "Even the leading planner hits the hazard about 99 times in 100."),
-        (0.012, "The leading planner stays out of the hazard about 99 times in 100."),
-        (0.02, "The leading planner stays out of the hazard 98 times in 100."),
+        (0.996, "Even the leading planner hits the hazard in over 99 of 100 samples."),
+        (0.78, "Even the leading planner hits the hazard in about 7 of 9 samples."),
+        (0.8701, "Even the leading planner hits the hazard in about 7 of 8 samples."),
+        (0.5, "The leading planner still hits the hazard in one of 2 samples."),
+        (0.311, "The leading planner still hits the hazard in about 3 of 10 samples."),
+        (0.988, "Even the leading planner hits the hazard in about 99 of 100 samples."),
+        (0.012, "The leading planner stays out of the hazard in about 99 of 100 samples."),
+        (0.02, "The leading planner stays out of the hazard in 98 of 100 samples."),
         (
             0.0033,
-            "The leading planner stays out of the hazard more than 99 times in 100.",
+            "The leading planner stays out of the hazard in over 99 of 100 samples.",
         ),
         (0.0, "The leading planner stays out of the hazard every time."),
     ],
 )
 def test_the_title_counts_what_the_leader_hits(lively_board: Board, ur: float, title: str) -> None:
     assert headline(with_ur(lively_board, ur), PLANNING, PROTOCOL).title == title
+    in_picture = in_two_lines(title, TITLE_SIZE, TITLE_WIDTH)
+    assert " ".join(in_picture) == title, "it is not cut there"
 
 
 @given(ur=st.floats(1e-9, 1 - 1e-9))
@@ -217,6 +224,32 @@ def test_team_mates_of_the_leader_that_were_not_compared_with_it_are_not_said_to
     assert "though 2 others could be first" in said.findings[0], "no comparison says more"
 
 
+@pytest.mark.parametrize(
+    ("n_behind", "said"),
+    [
+        (1, "2 entries could be first, as they compare sample by sample. What is told does not"),
+        (2, "1 entry could be first, as they compare sample by sample."),
+    ],
+)
+async def test_the_report_says_of_the_first_what_the_board_says(
+    site: Any, lively_board: Board, n_behind: int, said: str
+) -> None:
+    leader, *others = (
+        entry.model_copy(update={"rank": rank, "rank_interval": (1, 3)})
+        for rank, entry in enumerate(lively_board.entries[:3], 1)
+    )
+    pairs = tuple(compared(leader, other, 0.01) for other in others[:n_behind])
+    site.create_phase("sample")
+    site.publish(
+        lively_board.model_copy(update={"entries": (leader, *others), "comparisons": pairs})
+    )
+    with site.database.write() as session:
+        find_phase(session, "sample").closes_at = database_now(session)
+    page = read((await site.get("/phases/sample/report")).text).text
+    assert said in page
+    assert ("set them apart" in page) is (n_behind == 1)
+
+
 def test_a_flag_that_does_not_bar_is_named(lively_board: Board) -> None:
     alone = lively_board.model_copy(update={"entries": lively_board.entries[5:6]})
     said = headline(alone, PLANNING, PROTOCOL)
@@ -238,7 +271,7 @@ def test_without_a_board_nothing_is_claimed() -> None:
 
 def test_the_strategy_challenge_is_said_in_its_own_words(strategy_board: Board) -> None:
     said = headline(strategy_board, STRATEGY, PROTOCOL)
-    assert said.title == "Even the leading agent is too careless about 2 times in 7."
+    assert said.title == "Even the leading agent is too careless in about 2 of 7 samples."
     assert "planner" not in " ".join(said.findings)
     assert [fact.label for fact in said.facts] == [
         "Samples scored",

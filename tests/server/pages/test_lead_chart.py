@@ -19,7 +19,7 @@ HCC = PLANNING.metrics[0]
 
 def lead(day: int, method: str, value: float, protocol: str = "1.0") -> Lead:
     leader = BoardLeader(submission_id=f"of-{method}", method=method, team="T", value=value)
-    return Lead(START + timedelta(days=day), day + 1, protocol, leader)
+    return Lead(START + timedelta(days=day), day + 1, protocol, "sha256:a", None, leader)
 
 
 STORY = (
@@ -59,7 +59,7 @@ def test_a_step_is_as_long_as_the_lead_and_as_high_as_its_value(width: int) -> N
     assert days == pytest.approx([0, 5, 5, 10, 10, 15, 15, 20], abs=0.1)
     assert values == pytest.approx([20, 20, 24, 24, 31, 31, 28, 28], abs=0.1)
     assert len(chart.steps) == 2  # none crosses the change of protocol
-    assert [mark.version for mark in chart.protocols] == ["1.0", "1.1"]
+    assert [mark.words for mark in chart.marks] == ["protocol 1.0", "protocol 1.1"]
     assert [label.text for label in chart.labels] == ["First", "Second"]
     assert [point.is_new for point in chart.points] == [True, False, True, False]
     assert chart.points[2].title == (
@@ -89,19 +89,56 @@ def test_the_axis_says_what_it_is_and_names_no_moment_twice(
 def test_names_of_protocols_of_one_day_do_not_lie_on_one_another() -> None:
     hours = ("1.2", "1.3", "1.4", "1.5")
     day = [
-        Lead(START + timedelta(days=12, hours=n), 20 + n, version, STORY[0].leader)
+        STORY[0]._replace(at=START + timedelta(days=12, hours=n), number=20 + n, protocol=version)
         for n, version in enumerate(hours)
     ]
     chart = lead_chart((*STORY[:4], *day), START + timedelta(days=20), HCC, Digits())
     assert chart is not None
-    assert [mark.version for mark in chart.protocols] == ["1.0", "", "", "", "1.5"]
-    assert len({mark.x for mark in chart.protocols}) == 5, "each change has its line"
+    assert [mark.words for mark in chart.marks] == ["protocol 1.0", "", "", "", "protocol 1.5"]
+    assert len({mark.x for mark in chart.marks}) == 5, "each change has its line"
 
 
 def test_nobody_who_led_nothing_to_draw() -> None:
     assert lead_chart((), START, HCC, Digits()) is None
-    nobody = Lead(START, 1, "1.0", None)
+    nobody = STORY[0]._replace(leader=None)
     assert lead_chart((nobody,), START, HCC, Digits()) is None
+
+
+@pytest.mark.parametrize(
+    ("later", "words", "told"),
+    [
+        ({"split_revision": "sha256:b", "part": "private"}, "other samples", ", the private part"),
+        ({"split_revision": "sha256:b"}, "split revised", ""),
+    ],
+)
+def test_no_step_crosses_a_change_of_the_samples_that_count(
+    later: dict[str, Any], words: str, told: str
+) -> None:
+    leads_told = (lead(0, "First", 0.20), lead(5, "First", 0.20)._replace(**later))
+    chart = lead_chart(leads_told, START + timedelta(days=10), HCC, Digits())
+    assert chart is not None
+    assert [len(corners(step)) for step in chart.steps] == [2, 2]
+    assert [mark.words for mark in chart.marks] == ["protocol 1.0", words]
+    assert [point.is_new for point in chart.points] == [True, False]
+    assert chart.points[1].title.endswith(f"HCC 20.00 %, protocol 1.0{told}")
+
+
+@pytest.mark.parametrize("then", ["nobody", "First", "Second"])
+def test_a_step_ends_where_nobody_leads_any_more(then: str) -> None:
+    gone = [lead(day, "First", 0.20)._replace(leader=None) for day in (5, 6)]
+    after = [] if then == "nobody" else [lead(15, then, 0.20)]
+    told = (lead(0, "First", 0.20), *gone, *after)
+    chart = lead_chart(told, START + timedelta(days=20), HCC, Digits())
+    assert chart is not None
+    left, right = chart.frame.across
+    days = [[20 * (x - left) / (right - left) for x, _ in corners(step)] for step in chart.steps]
+    ends = [[0, 5], [15, 20]][: 1 + len(after)]
+    assert days == [pytest.approx(each, abs=0.1) for each in ends]
+    assert chart.points[0].title.startswith(
+        "1 Mar 2026, 00:00 UTC, until 6 Mar 2026, 00:00 UTC: First leads with"
+    )
+    assert [mark.words for mark in chart.marks] == ["protocol 1.0"]
+    assert [each.at for each in takers(told)] == [each.at for each in [*after, told[0]]]
 
 
 def titles(page: Node) -> list[str]:

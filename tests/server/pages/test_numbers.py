@@ -2,15 +2,20 @@
 
 from datetime import UTC, datetime
 from decimal import ROUND_HALF_UP, Decimal
+from typing import Any
 
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
+from tests.server.pages.invented_board import PROTOCOL
 
+from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.protocol import packaged_protocol
 from exceptiondrive_schemas.score_sheet import metric_text
+from exceptiondrive_server.boards.query import BoardQuery
+from exceptiondrive_server.boards.table import board_table
 from exceptiondrive_server.web.numbers import (
     Digits,
     day,
@@ -136,3 +141,27 @@ def test_an_interval_of_whole_per_cents_claims_no_decimals() -> None:
     assert digits.interval(hcc, (-0.03, 0.05), signed=True) == "−3 to +5"
     assert digits.interval(cts, (1.0, 2.0)) == "1.00 to 2.00"
     assert digits.interval(hcc, None) == ""
+
+
+def test_an_interval_of_whole_per_cents_has_the_decimals_of_those_beside_it() -> None:
+    digits, hcc = Digits(has_fine_intervals=True), PLANNING.metric("hcc")
+    assert digits.interval(hcc, (0.5, 1.0)) == "50.00 to 100.00"
+    assert digits.interval(hcc, (-0.03, 0.05), signed=True) == "−3.00 to +5.00"
+
+
+def test_a_board_tells_whether_its_intervals_have_decimals(lively_board: Board) -> None:
+    first, second = lively_board.entries[:2]
+    whole = {"hcc": (0.5, 1.0), "ur": None, "cts": (0.123, 0.456)}
+    fine = {"hcc": (0.4286, 0.9231)}
+
+    def shown(*intervals: Any) -> list[Any]:
+        entries = (
+            entry.model_copy(update={"intervals": each})
+            for entry, each in zip((first, second), intervals, strict=True)
+        )
+        board = lively_board.model_copy(update={"entries": tuple(entries)})
+        rows = board_table(board, PROTOCOL, BoardQuery()).rows
+        return [row.cells[0].words.split("interval ")[1] for row in rows]
+
+    assert shown(whole, whole) == ["50 to 100", "50 to 100"]
+    assert shown(whole, fine) == ["50.00 to 100.00", "42.86 to 92.31"]

@@ -111,17 +111,19 @@ def with_previous_ranks(
     if latest is not None and _says_the_same(entries, latest):
         places = [row.previous_rank for row in entries_of(latest)]
     elif current is not None:
-        # the next run of a method keeps its name; a submission may get others
-        by_name: dict[tuple[str, str], int | None] = {}
+        # a submission may get another name; the next run of a method has that of one that left
+        stay = {row.submission_id for row in entries}
         by_submission: dict[str | None, int | None] = {}
+        by_name: dict[tuple[str, str], int | None] = {}
         for was in entry_documents(current):  # none is kept: a long board's would take most memory
             if was["source"] == "scored":
-                by_name[was["team"], was["method"]] = was["rank"]
                 by_submission[was["submission_id"]] = was["rank"]
+                if was["submission_id"] not in stay:
+                    by_name[was["team"], was["method"]] = was["rank"]
         places = [
             row.previous_rank
             if row.rank is None
-            else by_name.get((row.team, row.method), by_submission.get(row.submission_id))
+            else by_submission.get(row.submission_id, by_name.get((row.team, row.method)))
             for row in entries
         ]
     else:

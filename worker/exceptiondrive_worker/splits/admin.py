@@ -58,6 +58,7 @@ class RegisteredSplit:
     path: Path
     manifest: Manifest
     warnings: tuple[LintWarning, ...]
+    has_parts: bool
 
 
 class SplitsRefusedError(ValueError):
@@ -361,7 +362,7 @@ def _register(
                 changes=changes.get(part),
                 datasheet=sheet if part is None else None,
             )
-    return RegisteredSplit(path, whole, warnings)
+    return RegisteredSplit(path, whole, warnings, has_parts=bool(parts))
 
 
 def _earlier_revisions(database: Database, splits: SplitStore, split: Split) -> Iterator[Split]:
