@@ -169,15 +169,15 @@ def test_the_password_of_mail_comes_from_its_secret_or_else_stays_as_written(fol
         assert found == [f"EXCEPTIONDRIVE_SMTP_PASSWORD={line}"]
 
 
-def test_what_a_backup_that_was_cut_off_left_goes_with_old_backups(folder: Path) -> None:
+def test_old_backups_go_and_after_a_day_what_one_that_was_cut_off_left(folder: Path) -> None:
     """It has a name of its own, and may be as large as a backup."""
     (command,) = [line for line in unit(folder, "backup")["ExecStart"] if line.startswith("find ")]
     backups = folder / "backups"
-    for name, days in (("a.tar", 20), (".b.tar-x1", 20), ("c.tar", 3)):
+    for name, days in (("a.tar", 20), (".b.tar-x1", 1.1), ("c.tar", 3), (".d.tar-x2", 0.5)):
         (backups / name).touch()
         os.utime(backups / name, (time.time() - days * 86_400,) * 2)
     subprocess.run(shlex.split(command), check=True)
-    assert [path.name for path in backups.iterdir()] == ["c.tar"]
+    assert sorted(path.name for path in backups.iterdir()) == [".d.tar-x2", "c.tar"]
 
 
 def test_a_command_of_the_operator_takes_settings_as_systemd_does(folder: Path) -> None:

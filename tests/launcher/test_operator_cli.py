@@ -1,6 +1,7 @@
 """Operator commands: results on stdout, everything else on stderr, clear refusals."""
 
 import shutil
+import socket
 import subprocess
 import sys
 from datetime import timedelta
@@ -9,6 +10,7 @@ from types import SimpleNamespace
 
 import pytest
 from fastapi import FastAPI
+from tests.support.processes import free_port
 
 from exceptiondrive_records.accounts.tokens import issue_token, list_tokens, verify_token
 from exceptiondrive_records.db.clock import database_now
@@ -152,10 +154,19 @@ def test_the_server_is_served_by_the_strict_parser(monkeypatch: pytest.MonkeyPat
     settings = ServerSettings(trusted_proxies="10.0.0.1")
     application.state.services = SimpleNamespace(settings=settings)
     monkeypatch.setattr("exceptiondrive_server.app.app_from_environment", lambda: application)
-    operator_cli.serve(host="127.0.0.1", port=1)
+    operator_cli.serve(host="127.0.0.1", port=free_port())
     assert served["forwarded_allow_ips"] == "10.0.0.1"
     assert served["http"] == "httptools"
     assert served["ws"] == "none"
+
+
+def test_a_server_on_a_port_in_use_says_what_to_do(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = str(taken.getsockname()[1])
+        assert command(monkeypatch, "serve", "--port", port) == 2
+    assert f"port {port} is in use; choose another one with --port" in capsys.readouterr().err
 
 
 def test_commands_on_records_import_no_log_broker_or_migrations() -> None:

@@ -262,6 +262,24 @@ def test_a_backup_says_what_a_restore_of_it_would_refuse(
         assert f"restore would refuse it: {line}\n" in done.stderr
 
 
+def test_a_store_that_is_away_is_told_once_with_where_to_learn_more(
+    lived: Lived, tmp_path: Path
+) -> None:
+    """As where nothing is mounted on the folder of uploads."""
+    lived.uploads.rename(lived.uploads.with_name("away"))
+    lived.uploads.mkdir()
+    with lived.database.read() as session:
+        (found,) = damaged_uploads(session, lived.files, limit_bytes=2**20)
+    assert found.rule == "store unreadable"
+    for without_lost in (False, True):
+        with pytest.raises(
+            BackupError, match=r"No backup was written\. exceptiondrive-server doctor"
+        ):
+            write_backup(
+                lived.database, lived.files, tmp_path / "backup.tar", without_lost=without_lost
+            )
+
+
 def troubles_of_backups(database: Database) -> list[str]:
     with database.read() as session:
         return [one.code for one in troubles(session) if one.subject == "backup"]

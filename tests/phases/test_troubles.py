@@ -132,6 +132,17 @@ def test_a_split_whose_floors_cannot_be_read(life: Life, store: SplitStore) -> N
     assert told(life) == []
 
 
+def test_a_split_that_was_asked_for_while_its_file_is_away_is_told_once(
+    life: Life, store: SplitStore
+) -> None:
+    folder = life.worker.splits_dir / "driven"
+    folder.rename(folder.with_name("other"))
+    with pytest.raises(SplitUnavailableError):
+        store.find("driven", "sha256:asked", packaged_protocol())
+    say_alive(life, store)
+    assert told(life) == [("split_without_file", "driven")]
+
+
 def test_a_split_that_one_of_two_workers_lacks_keeps_nothing_waiting(
     life: Life, store: SplitStore
 ) -> None:

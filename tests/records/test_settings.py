@@ -56,6 +56,16 @@ def test_a_sender_whose_mails_could_not_be_sent_or_followed_is_refused_at_the_st
         load_settings(NoticeSettings)
 
 
+def test_a_reconciler_that_would_lose_its_lead_between_two_looks_is_refused_at_the_start(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv("EXCEPTIONDRIVE_RECONCILE_EVERY_S", "20")
+    with pytest.raises(SettingsError, match="third of EXCEPTIONDRIVE_LEADER_LEASE_S"):
+        load_settings(RecordsSettings)
+    monkeypatch.setenv("EXCEPTIONDRIVE_LEADER_LEASE_S", "60")
+    assert load_settings(RecordsSettings).reconcile_every_s == 20
+
+
 def test_a_misspelt_variable_is_not_ignored(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("EXCEPTIONDRIVE_DATABSE_URL", "sqlite:///x")
     with pytest.raises(SettingsError, match="did you mean EXCEPTIONDRIVE_DATABASE_URL"):

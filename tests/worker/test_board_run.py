@@ -281,7 +281,10 @@ def test_without_its_split_a_board_is_not_built_but_stays_wanted(
     phase.reopen_context()
     build_board_of(phase.context, "dev", phase.protocol_digest())
     assert n_boards(phase) == 0
-    assert "split unavailable: board not built" in capsys.readouterr().out
+    log = capsys.readouterr().out
+    assert "split unavailable: board not built" in log
+    assert "job=board:dev" in log
+    assert "code=split_unavailable" in log
 
 
 def test_a_lost_private_store_changes_no_board(

@@ -3,10 +3,13 @@ from collections.abc import Callable, Iterable, Iterator
 from datetime import timedelta
 from typing import Any
 
+import structlog
+
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.work.heartbeats import live_workers
 from exceptiondrive_records.work.tables import WorkerHeartbeat
 from exceptiondrive_schemas.jobs import Lane
+from exceptiondrive_worker.failures import run_job
 from exceptiondrive_worker.heartbeat import Heartbeat, youngest_heartbeat_age_s
 
 
@@ -70,3 +73,21 @@ def test_a_folder_of_splits_that_is_away_for_a_moment_ends_no_heartbeat(
     heartbeat.start()
     wait_until(lambda: n_alive(database, Lane.LIVE) == 1, "a sign of life")
     heartbeat.stop()
+
+
+def test_what_a_database_said_that_refuses_a_running_worker_stands_in_its_log(
+    wait_until: Callable[..., Any],
+) -> None:
+    """As after its password was changed: without it nobody knows whether to start the worker or the database."""
+    away = Database("postgresql+psycopg://worker:hush@127.0.0.1:1/records")
+    heartbeat = Heartbeat(away, (Lane.LIVE,), every_s=0.05, ttl_s=15)
+    with structlog.testing.capture_logs() as lines:
+        heartbeat.start()
+        wait_until(lambda: lines, "a sign of life that was not recorded")
+        heartbeat.stop()
+        run_job("live", lambda: n_alive(away, Lane.LIVE), lambda _: None)
+    away.dispose()
+    said = {line["event"]: line.get("reason", "") for line in lines}
+    for event in ("heartbeat not recorded", "job failed"):
+        assert said[event].startswith("the database does not answer: connection failed")
+    assert "hush" not in str(lines)

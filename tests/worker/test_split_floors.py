@@ -414,7 +414,10 @@ def test_a_split_whose_maker_says_nothing_has_the_advised_floors(
 
 
 def test_no_board_is_built_below_the_floors(
-    world: World, tiny: Split, planning_file: Callable[..., bytes]
+    world: World,
+    tiny: Split,
+    planning_file: Callable[..., bytes],
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     """Floors that were raised hold what was scored before, too: its board is not built anew."""
     world.add_phase(tiny)
@@ -425,6 +428,8 @@ def test_no_board_is_built_below_the_floors(
         assert session.scalar(select(func.count()).select_from(BoardRow)) == 0
     ((_, detail),) = held(world)
     assert detail["asked"] == ["min_samples_per_cell is 1, the floor is 100"]
+    log = capsys.readouterr().out
+    assert all(part in log for part in ("job=board:dev", "code=split_floor", *detail["asked"]))
     write_floors(world, "", tiny.name)
     submission_id = world.score(planning_file(tiny, edited_mps=1.2))
     assert world.submission(submission_id).status is SubmissionStatus.SCORED

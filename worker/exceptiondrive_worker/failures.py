@@ -1,7 +1,7 @@
 """The job boundary: whatever goes wrong becomes a stable code, and nothing withheld gets out.
 
-The worker's own log gets the kind of error and the places in the code it passed, never its text:
-the text of an error may quote a value.
+The worker's own log gets the kind of error and the places in the code it passed, never its text,
+which may quote a value; of a database that is away or refuses, what that says.
 """
 
 from collections.abc import Callable
@@ -13,7 +13,7 @@ from billiard.exceptions import SoftTimeLimitExceeded
 from sqlalchemy.exc import InterfaceError, OperationalError
 from sqlalchemy.exc import TimeoutError as PoolTimeout
 
-from exceptiondrive_records.db.database import is_forbidden
+from exceptiondrive_records.db.database import is_forbidden, reason_of
 from exceptiondrive_records.db.errors import NotFound, StoreError
 from exceptiondrive_records.operations.logs import places
 from exceptiondrive_records.submissions.file_store import FileDamaged, FileUnreadable
@@ -146,6 +146,7 @@ def run_job(job: str, do: Callable[[], object], on_failure: Callable[[Failure], 
             code=failure.code.value,
             error=f"{type(error).__module__}.{type(error).__qualname__}",
             places=places(error),
+            **reason_of(error),
         )
         on_failure(failure)
         return not failure.is_outage

@@ -10,7 +10,7 @@ from sqlalchemy import func, select
 from sqlalchemy.exc import SQLAlchemyError
 
 from exceptiondrive_records.db.clock import database_now
-from exceptiondrive_records.db.database import Database
+from exceptiondrive_records.db.database import Database, reason_of
 from exceptiondrive_records.db.identifiers import random_id
 from exceptiondrive_records.phases.phases import splits_in_use
 from exceptiondrive_records.work.heartbeats import beat, forget_worker
@@ -71,7 +71,9 @@ class Heartbeat:
                         ttl_s=self._ttl_s,
                     )
             except (SQLAlchemyError, OSError) as error:  # a folder of splits may be away
-                _log.warning("heartbeat not recorded", error=type(error).__name__)
+                _log.warning(
+                    "heartbeat not recorded", error=type(error).__name__, **reason_of(error)
+                )
             if self._stopped.wait(self._every_s):
                 return
 

@@ -246,6 +246,14 @@ def sentence_of(error: DBAPIError) -> str:
     raise error
 
 
+def reason_of(error: BaseException) -> dict[str, str]:
+    """Return as `reason` of a line of the log what a database said, where an operator can do something about it."""
+    if isinstance(error, DBAPIError):
+        with suppress(DBAPIError):
+            return {"reason": sentence_of(error)}
+    return {}
+
+
 def is_conflict(error: Exception) -> bool:
     """Whether a key was taken, or what is changed or referred to was deleted, by another one's transaction."""
     return isinstance(error, StaleDataError) or _code_of(error) in _CONFLICTS

@@ -4,10 +4,10 @@ import difflib
 import os
 import re
 from pathlib import Path
-from typing import Annotated, TypeVar
+from typing import Annotated, Self, TypeVar
 from urllib.parse import urlsplit
 
-from pydantic import AfterValidator, Field, ValidationError, field_validator
+from pydantic import AfterValidator, Field, ValidationError, field_validator, model_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 from pydantic_settings import SettingsError as UnreadableError
 from sqlalchemy import make_url
@@ -94,6 +94,15 @@ class RecordsSettings(BaseSettings):
         if url.startswith("s3://") and not urlsplit(url).netloc:
             raise ValueError("must name a bucket: s3://BUCKET")
         return url
+
+    @model_validator(mode="after")
+    def _leader_is_heard_in_time(self) -> Self:
+        if self.reconcile_every_s * 3 > self.leader_lease_s:
+            raise ValueError(
+                "EXCEPTIONDRIVE_RECONCILE_EVERY_S must be at most a third of "
+                "EXCEPTIONDRIVE_LEADER_LEASE_S"
+            )
+        return self
 
 
 Settings = TypeVar("Settings", bound=RecordsSettings)

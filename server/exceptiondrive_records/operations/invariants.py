@@ -36,7 +36,7 @@ from exceptiondrive_records.protocols.tables import ProtocolRow
 from exceptiondrive_records.rescoring.progress import left_out
 from exceptiondrive_records.splits.drawings import drawings_of_withheld_splits
 from exceptiondrive_records.splits.pictures import pictures_of_withheld_splits
-from exceptiondrive_records.submissions.file_store import FileDamaged, FileStore
+from exceptiondrive_records.submissions.file_store import FileDamaged, FileStore, FileUnreadable
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.work.tables import Job, WorkState
 from exceptiondrive_schemas.api.submission import SubmissionStatus as Status
@@ -281,6 +281,8 @@ def damaged_uploads(session: Session, files: FileStore, *, limit_bytes: int) -> 
             found.append(Violation("upload damaged", digest, text))
         except StoreError as error:
             found.append(Violation("store unreadable", digest, str(error)))
+            if not isinstance(error, FileUnreadable):
+                break  # no other is given either
     return found
 
 

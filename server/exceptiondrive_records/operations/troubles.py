@@ -79,7 +79,7 @@ def _lanes(session: Session) -> Iterator[Trouble]:
             "lane_without_worker",
             Lane.LIVE,
             "No worker is alive: nothing is scored. Nothing is lost meanwhile.",
-            "start one: exceptiondrive-worker run",
+            "start one: exceptiondrive-worker run; of one that runs its log says what keeps it",
             stops_scoring=True,
         )
         return

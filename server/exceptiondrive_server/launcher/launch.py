@@ -239,13 +239,15 @@ def require_free_port(address: Address) -> None:
     family = socket.AF_INET6 if ":" in address.host else socket.AF_INET
     with socket.socket(family, socket.SOCK_STREAM) as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        if family is socket.AF_INET6:
+            probe.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)  # as asyncio listens
         try:
             probe.bind((address.host, address.port))
         except OSError as error:
             if error.errno == errno.EADDRINUSE:
                 raise LaunchError(
-                    f"port {address.port} is in use; choose another one: "
-                    "`make run PORT=8001` or `exceptiondrive-server run --port 8001`"
+                    f"port {address.port} is in use; choose another one with --port "
+                    "(`make run PORT=8001`)"
                 ) from None
             raise LaunchError(
                 f"cannot listen on {address.host}:{address.port}: {error.strerror}"

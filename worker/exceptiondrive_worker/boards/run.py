@@ -43,7 +43,7 @@ from exceptiondrive_worker.boards.reminder_effects import reminder_effects
 from exceptiondrive_worker.boards.rounding import Rounding
 from exceptiondrive_worker.context import WorkerContext
 from exceptiondrive_worker.drawing import Drawable, draw_entries, draw_protocol
-from exceptiondrive_worker.failures import run_job
+from exceptiondrive_worker.failures import FailureCode, run_job
 from exceptiondrive_worker.similarity_run import compare_submissions
 from exceptiondrive_worker.splits.floors import FloorHeldError, FloorsUnreadableError
 from exceptiondrive_worker.splits.floors_held import open_split
@@ -69,6 +69,7 @@ def build_next_board(context: WorkerContext, lane: Lane) -> bool:
 def build_board(context: WorkerContext, claimed: BoardRequest) -> None:
     """Build and publish the board that was claimed; what is drawn beside it follows."""
     phase_id = claimed.phase_id
+    where = {"job": claimed.subject, "phase": phase_id}
     try:
         with _collector_at_rest():
             board, drawable, like = _board(context, claimed)
@@ -76,10 +77,12 @@ def build_board(context: WorkerContext, claimed: BoardRequest) -> None:
             with context.database.write() as session:
                 row = publish_board(session, claimed, board, late)
     except (SplitUnavailableError, FloorsUnreadableError) as error:
-        _log.error("split unavailable: board not built", phase=phase_id, reason=str(error))
+        code = "split_unavailable"
+        _log.error("split unavailable: board not built", **where, code=code, reason=str(error))
         return
     except FloorHeldError as held:
-        _log.error("floors of the split: board not built", phase=phase_id, reason=str(held))
+        code = FailureCode.SPLIT_FLOOR.value
+        _log.error("floors of the split: board not built", **where, code=code, reason=str(held))
         return
     _log.info("board built", phase=phase_id, number=None if row is None else row.number)
     draw_protocol(context, claimed.protocol_digest)

@@ -272,7 +272,7 @@ class SplitStore:
         return self._loaded[key]
 
     def missing(self, names: Iterable[str]) -> list[str]:
-        """Return which of these splits cannot be used, and as `name@revision` what was just asked for in vain.
+        """Return which of these splits cannot be used, and of the others as `name@revision` what was just asked for in vain.
 
         The former have no file, or floors that cannot be read. No split is opened: what was asked for
         in vain is asked for again while something waits for it.
@@ -281,7 +281,8 @@ class SplitStore:
         held = {path.parent.name for path in self.files()}
         unusable = {name for name in names if name not in held or not self._has_floors(name)}
         asked = self._not_found_at_s.copy().items()
-        in_vain = [split for split, at_s in asked if at_s > since_s and split[0] in names]
+        usable = names - unusable
+        in_vain = [split for split, at_s in asked if at_s > since_s and split[0] in usable]
         return [*sorted(unusable), *map("@".join, in_vain)]
 
     def _has_floors(self, name: str) -> bool:
