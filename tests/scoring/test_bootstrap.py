@@ -204,7 +204,7 @@ def _entries(
 ) -> list[Uncertainty]:
     """Entries, each of which differs from the others in so many scenes of 400."""
     nothing = np.empty((0, 2))
-    scenes = np.zeros((len(draws), 400), np.float32)
+    scenes = np.zeros((len(draws), 400))
     scenes[:, :n_differing] = np.arange(first, first + len(draws))[:, None]
     return [
         Uncertainty(nothing, nothing, nothing, np.array(row), cut, each)
