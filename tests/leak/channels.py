@@ -19,6 +19,7 @@ from exceptiondrive_schemas.score_sheet import ScoreSheet
 from exceptiondrive_scoring.bootstrap import (
     SceneSums,
     bootstrap,
+    fewest_scenes,
     resample,
     scene_counts,
     scene_sums,
@@ -142,13 +143,13 @@ def _pairs(
     drawn = resample([sums_of(each) for each in gaps], ranking, METRICS)
     for entry, draws in drawn:
         n, n_differing = scene_counts(entry), scenes_that_differ(entry)
-        free = scenes_by_freedom(n)
+        free, fewest = scenes_by_freedom(n), fewest_scenes(n)
         of_headline = np.minimum(free.headline(headline), n_differing.headline(headline))
         of_families = np.minimum(free.families, n_differing.families)
         yield (
             where_enough(
                 percentile_intervals(draws.headline(headline), of_headline, ranking.confidence),
-                n.headline(headline),
+                fewest.headline(headline),
                 ranking,
             ),
             where_enough(

@@ -121,17 +121,24 @@ def scenes_by_freedom(n_scenes: OfAggregates) -> OfAggregates:
     """Put in place of what the mean of families is worth one more than its degrees of freedom.
 
     By Welch and Satterthwaite they are (sum 1 / n_f)^2 / sum(1 / (n_f^2 (n_f - 1))) where families vary
-    alike: of a family of few scenes the mean varies most, and how much, these few alone tell.
+    alike: of a family of few scenes the mean varies most, and how much, these few alone tell. One of a
+    single scene tells nothing of it: the mean has no interval (`fewest_scenes`).
     """
     families = n_scenes.families
     variances = np.divide(1, families, out=np.zeros_like(families), where=families > 0)
-    of_each = np.where(families == 1, np.inf, 0.0)  # a family of one scene tells nothing of it
-    np.divide(variances**2, families - 1, out=of_each, where=families > 1)
+    of_each = np.divide(variances**2, families - 1, out=np.zeros_like(families), where=families > 1)
     unsure = of_each.sum(axis=0)
     freedom = np.divide(
         variances.sum(axis=0) ** 2, unsure, out=np.zeros_like(unsure), where=unsure > 0
     )
     return replace(n_scenes, macro_family=np.minimum(1 + freedom, n_scenes.micro))
+
+
+def fewest_scenes(n_scenes: OfAggregates) -> OfAggregates:
+    """Put in place of what the mean of families is worth the scenes of the smallest of them."""
+    families = n_scenes.families
+    fewest = np.where(families > 0, families, np.inf).min(axis=0)
+    return replace(n_scenes, macro_family=np.minimum(fewest, n_scenes.micro))
 
 
 def scene_marks(entry: SceneSums) -> OfAggregates:
@@ -182,10 +189,13 @@ def bootstrap(
     is_share = np.array([m.unit == "fraction" and m.order_level is None for m in metrics])
 
     def intervals(draws: Draws, n_scenes: OfAggregates, of: str) -> FloatArray:
-        n, free = (getattr(each, of) for each in (n_scenes, scenes_by_freedom(n_scenes)))
+        n, free, fewest = (
+            getattr(each, of)
+            for each in (n_scenes, scenes_by_freedom(n_scenes), fewest_scenes(n_scenes))
+        )
         found = percentile_intervals(getattr(draws, of), free, ranking.confidence)
         wilson = wilson_at_the_ends(found, n, ranking.confidence)
-        return where_enough(np.where(is_share[:, None], wilson, found), n, ranking)
+        return where_enough(np.where(is_share[:, None], wilson, found), fewest, ranking)
 
     for entry, draws in resample(entries, ranking, metrics):
         n = scene_counts(entry)

@@ -15,6 +15,7 @@ from exceptiondrive_scoring.bootstrap import (
     Draws,
     OfAggregates,
     SceneSums,
+    fewest_scenes,
     resample,
     scene_counts,
     scene_marks,
@@ -117,7 +118,7 @@ class _Paired:
         is_open = n_differing < least_differing(confidence)
         found[..., 0] = np.where(is_open, np.minimum(found[..., 0], 0), found[..., 0])
         found[..., 1] = np.where(is_open, np.maximum(found[..., 1], 0), found[..., 1])
-        return where_enough(found, getattr(self.n_scenes, of), self.ranking)
+        return where_enough(found, getattr(fewest_scenes(self.n_scenes), of), self.ranking)
 
 
 def _paired(

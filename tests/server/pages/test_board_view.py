@@ -123,6 +123,29 @@ def test_the_rows_that_could_be_first_are_those_whose_rank_range_holds_1(
     assert seen.first_sentence == "Marked at the left: the 2 that could be first."
 
 
+@pytest.mark.parametrize(
+    ("headline", "n_scenes", "takes"),
+    [
+        ("macro_family", 1, "10 in each family, and Sudden Emergence has 1"),
+        ("macro_family", None, "10 in each family"),
+        ("micro", 1, "10"),
+    ],
+)
+def test_a_board_without_intervals_names_the_family_of_too_few_scenes(
+    lively_board: Board,
+    protocol: ProtocolDocument,
+    headline: str,
+    n_scenes: int | None,
+    takes: str,
+) -> None:
+    first, *others = lively_board.families
+    heads = (first.model_copy(update={"n_scenes": n_scenes}), *others)
+    told = {"headline": headline, "min_scenes": 10, "families": heads}
+    said = view(lively_board.model_copy(update=told), protocol).few_scenes_sentence
+    few = "This split has too few scenes to say how sure a number is"
+    assert said == f"{few}: intervals take {takes}."
+
+
 def test_the_other_average_shows_its_values_without_intervals(
     lively_board: Board, protocol: ProtocolDocument
 ) -> None:
