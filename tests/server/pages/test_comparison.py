@@ -350,7 +350,10 @@ async def test_a_comparison_says_what_its_differences_are_of_and_how_many_are_ch
         "on the samples that both define: of a metric that a sample can leave undefined, this need "
         "not be the difference of the two means above."
     ) in text
-    assert "Of equal planners, up to about 5 % of the lines look sure by chance." in text
+    assert (
+        "Of equal planners with even differences, up to about 5 % of the lines look sure by chance; "
+        "more where one is mostly a little better and seldom far worse."
+    ) in text
 
 
 async def test_every_page_names_the_confidence_of_its_intervals_as_it_is(
