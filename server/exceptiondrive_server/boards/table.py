@@ -45,7 +45,6 @@ from exceptiondrive_server.web.numbers import (
     Digits,
     Scale,
     grouped,
-    listed,
     nice_scale,
     percent,
     unit_of,
@@ -540,15 +539,6 @@ class BoardTable:
         if len(found) == 1:
             return f"Marked at the left: {found[0].method}, which alone could be first{told_by}."
         return f"Marked at the left: the {len(found)} that could be first{told_by}."
-
-    @property
-    def few_scenes_sentence(self) -> str:
-        """Say why there are no intervals, and which families have too few scenes for them."""
-        few = [f"{head.title} has {head.n_scenes}" for head in self.board.families if head.n_scenes]
-        takes = f"intervals take {self.board.min_scenes}"
-        if self.board.headline == "macro_family":
-            takes += " in each family" + (f", and {listed(few)}" if few else "")
-        return f"This split has too few scenes to say how sure a number is: {takes}."
 
     @cached_property
     def best_sentence(self) -> str:

@@ -100,6 +100,9 @@ def test_where_there_is_no_interval_nothing_is_said_to_be_open(lively_board: Boa
     both = Comparison(board, first, second, Digits())
     assert both.families_sentence == ""
     assert both.verdict.endswith("Sample by sample, HCC gives no interval here.")
+    told = Comparison(board.model_copy(update={"min_scenes": 5}), first, second, Digits()).verdict
+    assert told.endswith("gives no interval here. This split has too few scenes to say how sure a number is: "
+                         "intervals take 5 in each family.")  # fmt: skip
     assert against(board, first, second, Digits()).note == "no interval"
 
 
