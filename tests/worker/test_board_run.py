@@ -93,12 +93,16 @@ def test_rank_intervals_hold_the_rank_and_intervals_the_value(
 
 
 def test_of_a_withheld_split_rank_intervals_tell_no_more_than_the_intervals_that_are_told(
-    world: World, even: Split, planning_file: MakeFile
+    world: World, make_split: Callable[..., Split], planning_file: MakeFile
 ) -> None:
     """The attack: companions beside a probe, whose exact draws say which of both is the better."""
-    world.add_phase(even)
+    tasks = ("SE1", "SE3") * 4
+    split = make_split(
+        {f"s-{i}": {"task": t, "scene_id": f"scene-{i}"} for i, t in enumerate(tasks)}
+    )
+    world.add_phase(split)
     for method, speed in {"probe": 1.8, "companion": 1.9}.items():
-        world.score(planning_file(even, edited_mps=speed), method=method)
+        world.score(planning_file(split, edited_mps=speed), method=method)
     better, worse = build(world).entries
     assert (better.rank, worse.rank) == (1, 2)
     assert better.intervals["hcc"] is not None
