@@ -158,6 +158,8 @@ class FamilyHead(Document):
     id: str
     title: str
     n: int
+    n_scenes: int | None = Field(default=None, exclude_if=lambda it: it is None)
+    """In how many scenes these lie, told where that is fewer than intervals take."""
 
 
 class Board(Document):
@@ -193,7 +195,8 @@ class Board(Document):
     part: SplitPart | None = Field(default=None, exclude_if=lambda it: it is None)
     """Which part of the split counts; left out where all samples do."""
     min_scenes: int | None = Field(default=None, exclude_if=lambda it: it is None)
-    """Told where the split has fewer scenes than intervals take: no entry has any."""
+    """Told where scenes are fewer than the intervals of `metrics` take, of the mean of families those of
+    one family: no entry has any, nor a range of ranks."""
 
     @cached_property
     def has_fine_intervals(self) -> bool:

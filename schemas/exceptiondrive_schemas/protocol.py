@@ -92,7 +92,7 @@ class RankingSection(Document):
     bootstrap_seed: Annotated[int, Field(ge=0, lt=2**63)]
     confidence: Annotated[float, Field(gt=0.5, lt=1)]
     min_scenes: Annotated[int, Field(ge=2)] = 2
-    """A mean over fewer scenes has no interval, and a split of fewer no rank intervals."""
+    """A mean over fewer scenes has no interval, nor has a mean of families one of which has fewer."""
     unranked_flags: tuple[str, ...] = ()
     """Flags with which an entry is listed and takes no rank."""
 

@@ -19,6 +19,7 @@ from exceptiondrive_schemas.score_sheet import ScoreSheet
 from exceptiondrive_scoring.bootstrap import (
     SceneSums,
     bootstrap,
+    fewest_scenes,
     resample,
     scene_counts,
     scene_sums,
@@ -27,7 +28,7 @@ from exceptiondrive_scoring.bootstrap import (
     where_enough,
 )
 from exceptiondrive_scoring.challenge import exact_sheet, scoring_of
-from exceptiondrive_scoring.compare import SAME_TO, scenes_that_differ
+from exceptiondrive_scoring.compare import scenes_that_differ
 from exceptiondrive_scoring.grade import SampleScores
 from exceptiondrive_scoring.interval import percentile_intervals
 from exceptiondrive_scoring.rank import rank_intervals, told_rank_intervals
@@ -138,20 +139,17 @@ def _pairs(
 ) -> Iterator[tuple[FloatArray, FloatArray]]:
     """Intervals of the differences, as `exceptiondrive_scoring.compare` has them."""
     gaps = [replace(each, values=each.values - other.values) for each in scores]
-    differs = [
-        replace(each, values=np.where(np.abs(each.values) > SAME_TO, 1.0, 0.0)) for each in gaps
-    ]
     ranking, headline = protocol.ranking, protocol.grading.headline
     drawn = resample([sums_of(each) for each in gaps], ranking, METRICS)
-    for (entry, draws), each in zip(drawn, differs, strict=True):
-        n, n_differing = scene_counts(entry), scenes_that_differ(sums_of(each))
-        free = scenes_by_freedom(n)
+    for entry, draws in drawn:
+        n, n_differing = scene_counts(entry), scenes_that_differ(entry)
+        free, fewest = scenes_by_freedom(n), fewest_scenes(n)
         of_headline = np.minimum(free.headline(headline), n_differing.headline(headline))
         of_families = np.minimum(free.families, n_differing.families)
         yield (
             where_enough(
                 percentile_intervals(draws.headline(headline), of_headline, ranking.confidence),
-                n.headline(headline),
+                fewest.headline(headline),
                 ranking,
             ),
             where_enough(

@@ -83,7 +83,7 @@ WEIGHED: dict[type[BaseModel], dict[str, str]] = {
         **dict.fromkeys(("flags", "unranked_flags"), CELLS),
     },
     FamilyCell: {"n": LABELS, "intervals": CELLS},
-    FamilyHead: {"id": RECORDS, "title": RECORDS, "n": LABELS},
+    FamilyHead: {"id": RECORDS, "title": RECORDS, "n": LABELS, "n_scenes": LABELS},
     PairedComparison: {
         **dict.fromkeys(("a", "b"), RECORDS),
         **dict.fromkeys(("overall", "families", "tasks"), CELLS),

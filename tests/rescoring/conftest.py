@@ -8,11 +8,13 @@ import pytest
 from starlette.testclient import TestClient
 from tests.rescoring.application import Api, application_over, organizers_token
 from tests.rescoring.documents import (
+    even_split,
     new_protocol,
     split_document,
     strategy_file,
 )
 from tests.rescoring.stage import Stage, open_stage
+from tests.support import documents
 from tests.support.serving import served
 from tests.support.snapshots import Snapshots
 
@@ -37,6 +39,20 @@ def stage(database_url: str, tmp_path: Path, snapshots: Snapshots) -> Iterator[S
     submitted = snapshots.fill("three planners", database_url, tmp_path, three_planners)
     with open_stage(database_url, tmp_path) as made:
         made.submitted = submitted
+        yield made
+
+
+@pytest.fixture
+def even_stage(database_url: str, tmp_path: Path) -> Iterator[Stage]:
+    """Three planners whose HCC has an interval; that of the last ends shortly below the second."""
+    with open_stage(database_url, tmp_path) as made:
+        split = even_split()
+        made.open_phase("planning", split)
+        for speed_mps, method, team in ((1.5, "slow", "alpha"), (1.87, "middle", "alpha"),
+                                        (6.0, "fast", "beta")):  # fmt: skip
+            speeds_mps = {sample.sample_id: speed_mps for sample in split.samples}
+            made.submit_file(documents.planning_file(speeds_mps), method, team)
+        made.work()
         yield made
 
 

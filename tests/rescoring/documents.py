@@ -28,6 +28,17 @@ def split_document(ahead_m: float = 10.0) -> Split:
     )
 
 
+def even_split() -> Split:
+    """The tiny split with each family in both scenes: the mean of families has an interval."""
+    tasks, region = TASKS | {"e": "LB1", "f": "RS1"}, documents.region_ahead(10.0)
+    return documents.split_document(
+        {
+            key: {"scene_id": f"scene-{key in 'bef'}", "task": task, "region": region}
+            for key, task in tasks.items()
+        }
+    )
+
+
 def caution_protocol(version: str, caution: dict[str, int]) -> str:
     """Protocol 1.0 with another order of caution, and the under-warning sets that follow."""
     ranks = ", ".join(f"{letter} = {rank}" for letter, rank in caution.items())

@@ -52,10 +52,10 @@ class Stage:
     """For tests that damage records."""
     submitted: list[str] = field(default_factory=list)
 
-    def open_phase(self, challenge: str) -> None:
+    def open_phase(self, challenge: str, split: Split | None = None) -> None:
         """Open the phase `dev` on the tiny split, under the packaged protocol."""
         self.add_protocol(packaged_protocol_toml())
-        self.put_split(split_document())
+        self.put_split(split or split_document())
         with self.database.write() as session:
             add_phase(
                 session,

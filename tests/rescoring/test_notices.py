@@ -407,21 +407,21 @@ def test_an_address_that_no_resolver_or_caller_takes_is_refused(address: str) ->
 
 
 def test_an_e_mail_says_what_the_board_shows_before_and_after(
-    stage: Stage, make_protocol: Callable[..., str], mailbox: tuple[Mailbox, int]
+    even_stage: Stage, make_protocol: Callable[..., str], mailbox: tuple[Mailbox, int]
 ) -> None:
     kept, port = mailbox
-    told(stage, make_protocol, Channel.EMAIL, "alpha@example.org")
+    told(even_stage, make_protocol, Channel.EMAIL, "alpha@example.org")
     smtp = settings(smtp_host="127.0.0.1", smtp_port=port, smtp_security="none")
-    assert send_next(stage.database, smtp)
+    assert send_next(even_stage.database, smtp)
     ((to, text),) = kept.messages
     assert to == ["alpha@example.org"]
     assert "required clearance of task SE1" in text
-    with stage.database.read() as session:
+    with even_stage.database.read() as session:
         phase = session.get_one(Phase, "dev")
         told_changes = find_protocol(session, phase.protocol_digest).changes
         shown = entries_on(session, phase.current_board_id)
     assert told_changes in text.replace("\r\n", "\n")
-    for submission_id in stage.submitted[:2]:
+    for submission_id in even_stage.submitted[:2]:
         entry = shown[submission_id]
         hcc, interval = entry.metrics["hcc"], entry.intervals["hcc"]
         assert hcc is not None

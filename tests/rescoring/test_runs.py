@@ -527,11 +527,11 @@ def test_every_step_is_in_the_audit_log_with_actor_and_reason(
 
 
 def test_a_team_is_told_when_only_its_rank_range_moves(
-    stage: Stage, make_protocol: Callable[..., str]
+    even_stage: Stage, make_protocol: Callable[..., str]
 ) -> None:
-    run_id = stage.ready(make_protocol("1.1", *D_SAFE))
-    stage.apply(run_id)
-    with stage.database.read() as session:
+    run_id = even_stage.ready(make_protocol("1.1", *D_SAFE))
+    even_stage.apply(run_id)
+    with even_stage.database.read() as session:
         (told,) = list_notifications(session, find_team(session, "beta").id)
     (entry,) = told.entries
     assert entry.old is not None

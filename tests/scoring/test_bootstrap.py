@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from tests.scoring.made import SIX_METRICS
 
-from exceptiondrive_schemas.protocol import ProtocolDocument, RankingSection
+from exceptiondrive_schemas.protocol import ProtocolDocument, RankingSection, packaged_protocol
 from exceptiondrive_scoring.aliases import FloatArray
 from exceptiondrive_scoring.arrays import SplitArrays
 from exceptiondrive_scoring.bootstrap import (
@@ -15,6 +15,7 @@ from exceptiondrive_scoring.bootstrap import (
     SceneSums,
     Uncertainty,
     bootstrap,
+    fewest_scenes,
     scene_counts,
     scene_sums,
     scenes_by_freedom,
@@ -107,20 +108,20 @@ def test_a_draw_that_holds_no_sample_of_a_family_averages_the_others(
 
 
 @pytest.mark.parametrize(
-    ("of_families", "worth", "freedom"),
+    ("of_families", "worth", "freedom", "fewest"),
     [
         pytest.param(
             [range(2), range(2, 9)],
             4 / (1 / 2 + 1 / 7),
             (1 / 2 + 1 / 7) ** 2 / (1 / (4 * 1) + 1 / (49 * 6)),
+            2,
             id="of families that have any",
         ),
-        pytest.param([range(6), range(6)], 6.0, 5.0, id="never more than there are scenes"),
-        pytest.param([range(1), range(1, 9)], 4 / (1 + 1 / 8), 0.0, id="a family of one scene"),
+        pytest.param([range(6), range(6)], 6.0, 5.0, 6, id="never more than there are scenes"),
     ],
 )
 def test_how_many_scenes_the_mean_of_families_is_worth_and_its_degrees_of_freedom(
-    of_families: list[range], worth: float, freedom: float
+    of_families: list[range], worth: float, freedom: float, fewest: int
 ) -> None:
     counts = np.zeros((6, 1, 9))
     for family, scenes in enumerate(of_families):
@@ -128,6 +129,27 @@ def test_how_many_scenes_the_mean_of_families_is_worth_and_its_degrees_of_freedo
     n = scene_counts(SceneSums(counts, counts))
     assert n.macro_family[0] == pytest.approx(worth)
     assert scenes_by_freedom(n).macro_family[0] == pytest.approx(1 + freedom)
+    assert fewest_scenes(n).macro_family[0] == fewest
+
+
+@pytest.mark.parametrize(("n_scenes", "has_interval"), [(1, False), (4, False), (5, True)])
+def test_the_mean_of_families_has_no_interval_where_one_has_too_few_scenes(
+    make_split: MakeSplit, n_scenes: int, *, has_interval: bool
+) -> None:
+    """Too few to say how the family varies: nothing else of the split says it."""
+    protocol = packaged_protocol("1.1")
+    tasks = [0] * (N - 10) + [4] * 10
+    scenes = [i % SCENES for i in range(N - 10)] + [SCENES + i % n_scenes for i in range(10)]
+    split = make_split(np.zeros((N, 4, 2)), tasks=tasks, scenes=scenes)
+    found = _one(_scores(1), split, protocol)
+    assert not np.isnan(found.micro).any()
+    assert not np.isnan(found.families[0]).any()
+    assert np.isnan(found.families[1]).all() != has_interval
+    assert np.isnan(found.macro_family).all() != has_interval
+    told = compare(_scores(1), _scores(2), split, protocol, SIX_METRICS)
+    for difference in (told.overall["hcc"], told.families["lane_blockage"]["hcc"]):
+        assert (difference.verdict == "no interval") != has_interval
+    assert told.families["sudden_emergence"]["hcc"].interval is not None
 
 
 def test_the_same_seed_gives_the_same_bits_whoever_else_is_on_the_board(
@@ -204,7 +226,7 @@ def _entries(
 ) -> list[Uncertainty]:
     """Entries, each of which differs from the others in so many scenes of 400."""
     nothing = np.empty((0, 2))
-    scenes = np.zeros((len(draws), 400), np.float32)
+    scenes = np.zeros((len(draws), 400))
     scenes[:, :n_differing] = np.arange(first, first + len(draws))[:, None]
     return [
         Uncertainty(nothing, nothing, nothing, np.array(row), cut, each)

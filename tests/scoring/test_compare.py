@@ -1,6 +1,7 @@
 """Two entries on the same samples: difference, interval, discordant share, plain verdict."""
 
 from collections.abc import Callable
+from itertools import combinations
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ from tests.scoring.made import SIX_METRICS, answers_alone
 
 from exceptiondrive_schemas.challenges import STRATEGY
 from exceptiondrive_schemas.protocol import ProtocolDocument
+from exceptiondrive_scoring.aliases import FloatArray, IntArray
 from exceptiondrive_scoring.arrays import SplitArrays
 from exceptiondrive_scoring.bootstrap import bootstrap, scene_sums
 from exceptiondrive_scoring.compare import Difference, compare
@@ -92,6 +94,48 @@ def test_few_scenes_that_differ_do_not_say_which_is_better(
     uncertain = list(bootstrap(entries, SIX_METRICS, protocol.ranking, "macro_family"))
     ranges = rank_intervals(uncertain, "descending", 0.95).tolist()
     assert ranges == ([[1, 1], [2, 2]] if is_told else [[1, 2], [1, 2]])
+
+
+def _verdict_and_ranges(
+    hcc: FloatArray, scenes: IntArray, make_split: MakeSplit, protocol: ProtocolDocument
+) -> tuple[str, list[list[int]]]:
+    """What comparison and rank ranges say of two entries, (2, N), by HCC; families follow one another."""
+    n = hcc.shape[1]
+    tasks = [4 * (at % 6) for at in range(n)]
+    split = make_split(np.zeros((n, 4, 2)), tasks=tasks, scenes=scenes.tolist())
+    a, b = (SampleScores(SIX_METRICS.metrics, np.tile(row[:, None], 6)) for row in hcc)
+    sums = [scene_sums(each, split, protocol.taxonomy) for each in (a, b)]
+    headline = protocol.grading.headline
+    uncertain = list(bootstrap(sums, SIX_METRICS, protocol.ranking, headline))
+    verdict = compare(a, b, split, protocol, SIX_METRICS).overall["hcc"].verdict
+    return verdict, rank_intervals(uncertain, "descending", 0.95).tolist()
+
+
+@pytest.mark.parametrize(("n_scenes", "n_differing"), [(5, 5), (6, 4), (6, 5), (8, 5), (6, 6)])
+def test_fewer_than_six_scenes_that_differ_never_say_which_is_better(
+    n_scenes: int, n_differing: int, make_split: MakeSplit, protocol: ProtocolDocument
+) -> None:
+    """Whichever they are, and whether or not some draw takes none of them: a sign test at 95 % takes six."""
+    scenes = np.repeat(np.arange(n_scenes), 6)
+    told = ("A is better", [[1, 1], [2, 2]])
+    open_ = ("not separable on this split", [[1, 2], [1, 2]])
+    for differing in combinations(range(n_scenes), n_differing):
+        differs = np.isin(scenes, differing)
+        hcc = np.where(differs, [[1.0], [0.0]], 0.5)
+        found = _verdict_and_ranges(hcc, scenes, make_split, protocol)
+        assert found == (told if n_differing == 6 else open_), differing
+
+
+def test_scenes_in_which_two_exchange_samples_do_not_tell_them_apart(
+    make_split: MakeSplit, protocol: ProtocolDocument
+) -> None:
+    """A scene differs where its sum does, to comparison and rank range alike."""
+    scenes = np.repeat(np.arange(30), 12)
+    half, hcc = np.arange(12 * 30) % 12 < 6, np.full((2, 12 * 30), 0.5)
+    hcc[:, scenes < 15] = [[1.0], [0.0]] * half[scenes < 15]
+    hcc[1, (scenes >= 5) & (scenes < 15)] = ~half[(scenes >= 5) & (scenes < 15)]
+    found = _verdict_and_ranges(hcc, scenes, make_split, protocol)
+    assert found == ("not separable on this split", [[1, 2], [1, 2]])
 
 
 def test_a_diagnostic_is_higher_and_never_better(

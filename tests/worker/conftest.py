@@ -51,6 +51,14 @@ def tiny(make_split: Callable[..., Split]) -> Split:
 
 
 @pytest.fixture(scope="session")
+def even(make_split: Callable[..., Split]) -> Split:
+    """Six samples, each family in both scenes: the mean of families has an interval."""
+    scene_of = dict.fromkeys(("SE1", "LB2", "RS1"), "scene-1")
+    scene_of |= dict.fromkeys(("SE3", "LB1", "RS2"), "scene-2")
+    return make_split({task: {"task": task, "scene_id": at} for task, at in scene_of.items()})
+
+
+@pytest.fixture(scope="session")
 def planning_file() -> Callable[..., bytes]:
     """Make a planning file: everybody drives straight ahead at a speed, `changes` by sample."""
 

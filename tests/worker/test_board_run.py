@@ -82,11 +82,12 @@ def test_a_row_says_what_its_team_says_of_the_entry(
 
 
 def test_rank_intervals_hold_the_rank_and_intervals_the_value(
-    phase: World, tiny: Split, planning_file: MakeFile
+    world: World, even: Split, planning_file: MakeFile
 ) -> None:
+    world.add_phase(even)
     for method, speed in {"one": 1.8, "two": 2.0, "three": 4.0}.items():
-        phase.score(planning_file(tiny, edited_mps=speed), method=method)
-    for row in build(phase).entries:
+        world.score(planning_file(even, edited_mps=speed), method=method)
+    for row in build(world).entries:
         assert row.rank is not None
         assert row.rank_interval is not None
         assert row.rank_interval[0] <= row.rank <= row.rank_interval[1]
@@ -97,12 +98,17 @@ def test_rank_intervals_hold_the_rank_and_intervals_the_value(
 
 
 def test_of_a_withheld_split_rank_intervals_tell_no_more_than_the_intervals_that_are_told(
-    phase: World, tiny: Split, planning_file: MakeFile
+    world: World, make_split: Callable[..., Split], planning_file: MakeFile
 ) -> None:
     """The attack: companions beside a probe, whose exact draws say which of both is the better."""
+    tasks = ("SE1", "SE3") * 4
+    split = make_split(
+        {f"s-{i}": {"task": t, "scene_id": f"scene-{i}"} for i, t in enumerate(tasks)}
+    )
+    world.add_phase(split)
     for method, speed in {"probe": 1.8, "companion": 1.9}.items():
-        phase.score(planning_file(tiny, edited_mps=speed), method=method)
-    better, worse = build(phase).entries
+        world.score(planning_file(split, edited_mps=speed), method=method)
+    better, worse = build(world).entries
     assert (better.rank, worse.rank) == (1, 2)
     assert better.intervals["hcc"] is not None
     assert worse.intervals["hcc"] is not None
@@ -125,15 +131,16 @@ def test_everything_on_a_board_is_rounded(
 
 
 def test_low_coverage_never_ranks_and_says_why(
-    phase: World, tiny: Split, planning_file: MakeFile
+    world: World, even: Split, planning_file: MakeFile
 ) -> None:
-    phase.score(planning_file(tiny), method="complete")
-    phase.score(planning_file(tiny, changes={"a": {"source": None}}), method="gaps")
-    board = build(phase)
+    world.add_phase(even)
+    world.score(planning_file(even), method="complete")
+    world.score(planning_file(even, changes={"SE1": {"source": None}}), method="gaps")
+    board = build(world)
     row = row_of(board, "gaps")
     assert row.rank is None
     assert row.rank_interval is None
-    assert row.unranked_because == "75.00% of the original scenes are answered; a rank needs 99%"
+    assert row.unranked_because == "83.33% of the original scenes are answered; a rank needs 99%"
     assert row.metrics["hcc"] == 1.0
     assert row_of(board, "complete").rank_interval == (1, 1)
 
@@ -152,12 +159,13 @@ def test_an_entry_without_a_defined_rank_metric_is_last_and_unranked(
 
 
 def test_reference_entries_are_marked_and_do_not_rank(
-    phase: World, tiny: Split, planning_file: MakeFile
+    world: World, even: Split, planning_file: MakeFile
 ) -> None:
-    phase.score(planning_file(tiny, edited_mps=0.0, source_mps=0.0), method="STILL",
+    world.add_phase(even)
+    world.score(planning_file(even, edited_mps=0.0, source_mps=0.0), method="STILL",
                 team="reference-team")  # fmt: skip
-    phase.score(planning_file(tiny, edited_mps=2.0), method="planner")
-    board = build(phase)
+    world.score(planning_file(even, edited_mps=2.0), method="planner")
+    board = build(world)
     assert [(row.method, row.source, row.rank) for row in board.entries] == [
         ("planner", "scored", 1),
         ("STILL", "reference", None),
@@ -167,10 +175,10 @@ def test_reference_entries_are_marked_and_do_not_rank(
 
 
 def test_reported_rows_come_last_and_only_where_the_phase_shows_them(
-    world: World, tiny: Split, planning_file: MakeFile
+    world: World, even: Split, planning_file: MakeFile
 ) -> None:
-    world.add_phase(tiny, shows_reported=True)
-    world.score(planning_file(tiny, edited_mps=2.0), method="planner")
+    world.add_phase(even, shows_reported=True)
+    world.score(planning_file(even, edited_mps=2.0), method="planner")
     board = build(world)
     assert [row.source for row in board.entries] == ["scored", *["reported"] * 7]
     assert row_of(board, "ST-P3").metrics["hcc"] == 0.2103

@@ -31,6 +31,12 @@ MakeFile = Callable[..., bytes]
 SPEEDS = {"best": 1.0, "twin": 1.0, "middle": 2.0, "last": 4.0}
 
 
+@pytest.fixture(scope="module")
+def tiny(even: Split) -> Split:
+    """What `phase` has here: with intervals."""
+    return even
+
+
 def by_method(board: Board) -> dict[tuple[str, str], PairedComparison]:
     method = {entry.submission_id: entry.method for entry in board.entries}
     return {(method[pair.a], method[pair.b]): pair for pair in board.comparisons}

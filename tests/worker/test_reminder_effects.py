@@ -99,7 +99,10 @@ def naive_effect(
             for s in split.samples
         ]
         means = sorted(macro(rows, taken) for taken in draws)
-        n_differing = len({scene for scene, _, value in rows if value})
+        gaps: Counter[tuple[str, str]] = Counter()
+        for scene, family, value in rows:
+            gaps[scene, family] += value
+        n_differing = len({scene for (scene, _), gap in gaps.items() if gap})
         cut = draws_cut_off(len(means), protocol.ranking.confidence, n_differing)
         interval = (means[cut], means[len(means) - 1 - cut])
         discordant = sum(row[2] != 0 for row in rows) / len(rows)

@@ -174,6 +174,25 @@ def test_too_few_scenes_have_no_interval_and_the_board_says_so(
     assert (pair.overall["hcc"].interval is None) == is_told
 
 
+def test_a_family_of_too_few_scenes_leaves_the_board_without_ranges_and_is_named(
+    open_phase: Callable[..., World], make_split: Callable[..., Split], planning_file: MakeFile
+) -> None:
+    of_many = {f"m-{i}": {"scene_id": f"scene-{i}"} for i in range(10)}
+    of_few = {f"f-{i}": {"task": "LB1", "scene_id": f"scene-{i % 4}"} for i in range(8)}
+    split = make_split(of_many | of_few)
+    world = open_phase(split, "1.1")
+    world.score(planning_file(split, edited_mps=1.5))
+    board = world.build_board()
+    (row,) = (row for row in teams(board) if row.rank is not None)
+    assert (row.rank_interval, row.intervals["hcc"], board.min_scenes) == (None, None, 5)
+    has_interval = {key: cell.intervals["hcc"] is not None for key, cell in row.families.items()}
+    assert has_interval == {"sudden_emergence": True, "lane_blockage": False}
+    assert [(head.id, head.n, head.n_scenes) for head in board.families] == [
+        ("sudden_emergence", 10, None),
+        ("lane_blockage", 8, 4),
+    ]
+
+
 def test_the_same_answer_everywhere_is_flagged_and_unranked_in_1_1(
     open_phase: Callable[..., World], wide: Split
 ) -> None:

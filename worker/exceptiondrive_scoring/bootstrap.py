@@ -32,6 +32,8 @@ from exceptiondrive_scoring.interval import (
 from exceptiondrive_scoring.sheet import order_statistic
 
 GRID = 2.0**-30
+SAME_TO = 1e-9
+"""Values that lie no further apart are the same, worked out another way: arithmetic moves last bits."""
 
 
 @dataclass(frozen=True)
@@ -119,17 +121,33 @@ def scenes_by_freedom(n_scenes: OfAggregates) -> OfAggregates:
     """Put in place of what the mean of families is worth one more than its degrees of freedom.
 
     By Welch and Satterthwaite they are (sum 1 / n_f)^2 / sum(1 / (n_f^2 (n_f - 1))) where families vary
-    alike: of a family of few scenes the mean varies most, and how much, these few alone tell.
+    alike: of a family of few scenes the mean varies most, and how much, these few alone tell. One of a
+    single scene tells nothing of it: the mean has no interval (`fewest_scenes`).
     """
     families = n_scenes.families
     variances = np.divide(1, families, out=np.zeros_like(families), where=families > 0)
-    of_each = np.where(families == 1, np.inf, 0.0)  # a family of one scene tells nothing of it
-    np.divide(variances**2, families - 1, out=of_each, where=families > 1)
+    of_each = np.divide(variances**2, families - 1, out=np.zeros_like(families), where=families > 1)
     unsure = of_each.sum(axis=0)
     freedom = np.divide(
         variances.sum(axis=0) ** 2, unsure, out=np.zeros_like(unsure), where=unsure > 0
     )
     return replace(n_scenes, macro_family=np.minimum(1 + freedom, n_scenes.micro))
+
+
+def fewest_scenes(n_scenes: OfAggregates) -> OfAggregates:
+    """Put in place of what the mean of families is worth the scenes of the smallest of them."""
+    families = n_scenes.families
+    fewest = np.where(families > 0, families, np.inf).min(axis=0)
+    return replace(n_scenes, macro_family=np.minimum(fewest, n_scenes.micro))
+
+
+def scene_marks(entry: SceneSums) -> OfAggregates:
+    """What each aggregate takes of a scene, as one number, (M, S): its sum, of families (F, M, S).
+
+    That of the mean of families is a mix of their sums that no other sums are likely to give.
+    """
+    weights = 1 / np.sqrt(np.arange(2, 2 + len(entry.sums)))[:, None, None]
+    return OfAggregates(entry.sums.sum(axis=0), (entry.sums * weights).sum(axis=0), entry.sums)
 
 
 BLOCK_DRAWS = 64_000
@@ -150,12 +168,12 @@ class Uncertainty(OfAggregates):
         families: The same.
         primary_draws: (B,) headline of the metric that ranks first: for `rank_intervals`.
         primary_cut: Draws that its interval leaves outside at each end.
-        primary_scenes: (S,) float32, equal for two entries where this metric has the same sums in a scene.
+        primary_scenes: (S,) `scene_marks` of this metric: within `SAME_TO` where two entries do not differ.
     """
 
     primary_draws: FloatArray
     primary_cut: int
-    primary_scenes: NDArray[np.float32]
+    primary_scenes: FloatArray
 
 
 def bootstrap(
@@ -170,33 +188,29 @@ def bootstrap(
     primary = [m.key for m in metrics].index(ranking.order_of(challenge)[0].metric)
     is_share = np.array([m.unit == "fraction" and m.order_level is None for m in metrics])
 
-    def intervals(values: FloatArray, n: FloatArray, n_freedom: FloatArray) -> FloatArray:
-        found = percentile_intervals(values, n_freedom, ranking.confidence)
+    def intervals(draws: Draws, n_scenes: OfAggregates, of: str) -> FloatArray:
+        n, free, fewest = (
+            getattr(each, of)
+            for each in (n_scenes, scenes_by_freedom(n_scenes), fewest_scenes(n_scenes))
+        )
+        found = percentile_intervals(getattr(draws, of), free, ranking.confidence)
         wilson = wilson_at_the_ends(found, n, ranking.confidence)
-        return where_enough(np.where(is_share[:, None], wilson, found), n, ranking)
+        return where_enough(np.where(is_share[:, None], wilson, found), fewest, ranking)
 
     for entry, draws in resample(entries, ranking, metrics):
         n = scene_counts(entry)
-        free = scenes_by_freedom(n)
         yield Uncertainty(
-            micro=intervals(draws.micro, n.micro, free.micro),
-            macro_family=intervals(draws.macro_family, n.macro_family, free.macro_family),
-            families=intervals(draws.families, n.families, free.families),
+            micro=intervals(draws, n, "micro"),
+            macro_family=intervals(draws, n, "macro_family"),
+            families=intervals(draws, n, "families"),
             primary_draws=draws.headline(headline)[primary].copy(),
             primary_cut=draws_cut_off(
                 ranking.bootstrap_draws,
                 ranking.confidence,
-                float(free.headline(headline)[primary]),
+                float(scenes_by_freedom(n).headline(headline)[primary]),
             ),
-            primary_scenes=_marks_of_scenes(entry.sums[:, primary]),
+            primary_scenes=scene_marks(entry).headline(headline)[primary],
         )
-
-
-def _marks_of_scenes(sums: FloatArray) -> NDArray[np.float32]:
-    """One number for the sums of each scene, (F, S): a mix that no other sums are likely to give."""
-    weights = np.sqrt(np.arange(2, 2 + len(sums)))[:, None]
-    marks: NDArray[np.float32] = (sums * weights).sum(axis=0).astype(np.float32)
-    return marks
 
 
 def scene_weights(n_scenes: int, ranking: RankingSection) -> NDArray[np.uint16]:

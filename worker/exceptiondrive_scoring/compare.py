@@ -11,18 +11,21 @@ from exceptiondrive_schemas.taxonomy import Family, Task, Taxonomy
 from exceptiondrive_scoring.aliases import BoolArray, FloatArray
 from exceptiondrive_scoring.arrays import SplitArrays
 from exceptiondrive_scoring.bootstrap import (
+    SAME_TO,
     Draws,
     OfAggregates,
     SceneSums,
+    fewest_scenes,
     resample,
     scene_counts,
+    scene_marks,
     scene_sums,
     scene_sums_by_task,
     scenes_by_freedom,
     where_enough,
 )
 from exceptiondrive_scoring.grade import SampleScores
-from exceptiondrive_scoring.interval import percentile_intervals
+from exceptiondrive_scoring.interval import least_differing, percentile_intervals
 from exceptiondrive_scoring.sheet import Breakdown, MetricValues, aggregate
 
 Interval = tuple[float, float]
@@ -30,8 +33,6 @@ SumsOf = Callable[[SampleScores, SplitArrays, Taxonomy], SceneSums]
 AS_MEAN = {"aggregation": "mean", "level": None}
 NOT_SEPARABLE = "not separable on this split"
 NO_INTERVAL = "no interval"
-SAME_TO = 1e-9
-"""Values that lie no further apart are the same, worked out another way: arithmetic moves last bits."""
 LEAST_DEFINED = 0.5
 """Share of the samples of each family that both must define: a file that defines one sample alone would
 read from a difference what another team's has there."""
@@ -108,13 +109,16 @@ class _Paired:
     def intervals(self, of: str) -> FloatArray:
         """Intervals of an aggregate, or of the families.
 
-        They rest on the scenes that differ: the others say nothing of which one is better, and of few
-        that do, many draws take none.
+        They rest on the scenes that differ: the others say nothing of which one is better. Of too few that
+        do, they reach to 0, as they would from a draw that takes none.
         """
-        free, n_differing = scenes_by_freedom(self.n_scenes), getattr(self.n_differing, of)
-        n = np.minimum(getattr(free, of), n_differing)
-        found = percentile_intervals(getattr(self.draws, of), n, self.ranking.confidence)
-        return where_enough(found, getattr(self.n_scenes, of), self.ranking)
+        confidence, n_differing = self.ranking.confidence, getattr(self.n_differing, of)
+        n = np.minimum(getattr(scenes_by_freedom(self.n_scenes), of), n_differing)
+        found = percentile_intervals(getattr(self.draws, of), n, confidence)
+        is_open = n_differing < least_differing(confidence)
+        found[..., 0] = np.where(is_open, np.minimum(found[..., 0], 0), found[..., 0])
+        found[..., 1] = np.where(is_open, np.maximum(found[..., 1], 0), found[..., 1])
+        return where_enough(found, getattr(fewest_scenes(self.n_scenes), of), self.ranking)
 
 
 def _paired(
@@ -148,22 +152,25 @@ def _paired(
         draws.micro[columns] = of_a.micro - of_b.micro
         draws.macro_family[columns] = of_a.macro_family - of_b.macro_family
         draws.families[:, columns] = of_a.families - of_b.families
-    discordant = SampleScores(means, differs)
     return _Paired(
         values=values,
-        discordant=aggregate(discordant, split, taxonomy),
+        discordant=aggregate(SampleScores(means, differs), split, taxonomy),
         draws=draws,
         n_scenes=scene_counts(sums),
-        n_differing=scenes_that_differ(sums_of(discordant, split, taxonomy)),
+        n_differing=scenes_that_differ(sums),
         ranking=ranking,
     )
 
 
-def scenes_that_differ(discordant: SceneSums) -> OfAggregates:
-    """Count the scenes with a sample in which the two differ."""
-    families = discordant.sums > 0
-    overall = families.any(axis=0).sum(axis=-1, dtype=np.float64)
-    return OfAggregates(overall, overall, families.sum(axis=-1, dtype=np.float64))
+def scenes_that_differ(gaps: SceneSums) -> OfAggregates:
+    """Count the scenes that the two do not share, by the sums of the gaps between them."""
+    marks = scene_marks(gaps)
+
+    def count(of: FloatArray) -> FloatArray:
+        n: FloatArray = (np.abs(of) > SAME_TO).sum(axis=-1, dtype=np.float64)
+        return n
+
+    return OfAggregates(count(marks.micro), count(marks.macro_family), count(marks.families))
 
 
 def _are_compared(gaps: FloatArray, split: SplitArrays) -> BoolArray:

@@ -53,6 +53,14 @@ def draws_cut_off(n_draws: int, confidence: float, n_scenes: float) -> int:
     return math.floor(n_draws * NormalDist().cdf(-reach) + ROUNDING)
 
 
+def least_differing(confidence: float) -> int:
+    """How many scenes tell two apart at the least: of equal ones all of so many seldom favour the same.
+
+    That is the two-sided sign test: six scenes at 95 %.
+    """
+    return math.ceil(1 - math.log2(1 - confidence))
+
+
 def student_quantile(z: float, freedom: float) -> float:
     """Quantile of Student's t at the level of the normal quantile z (Cornish-Fisher expansion).
 

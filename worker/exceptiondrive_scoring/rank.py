@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from exceptiondrive_schemas.challenges import Order, RankKey
 from exceptiondrive_scoring.aliases import FloatArray, IntArray
-from exceptiondrive_scoring.bootstrap import Uncertainty
-from exceptiondrive_scoring.interval import draws_cut_off
+from exceptiondrive_scoring.bootstrap import SAME_TO, Uncertainty
+from exceptiondrive_scoring.interval import draws_cut_off, least_differing
 
 CODED_AT_ONCE = 2**18
 """Values: what a processor's cache holds."""
@@ -63,8 +63,8 @@ def rank_intervals(entries: Sequence[Uncertainty], order: Order, confidence: flo
 
     Entry i is surely better than j if the interval of their paired difference lies wholly above
     zero, that is if it is better in all draws but those that the interval cuts off: as few as the scenes
-    in which the two differ allow, and the intervals of both. The range is 1 + number of entries
-    surely better ... K - number surely worse.
+    in which the two differ allow, and the intervals of both. Of fewer than `least_differing` none is. The
+    range is 1 + number of entries surely better ... K - number surely worse.
 
     Draws are compared pair by pair for those alone whose spans of draws meet.
 
@@ -81,24 +81,28 @@ def rank_intervals(entries: Sequence[Uncertainty], order: Order, confidence: flo
     low, high = _spans(draws)
     by_high = np.argsort(-high, kind="stable")
     codes, needed = _coded(draws[by_high]), n_draws - cuts[by_high]
-    scenes = np.stack([entry.primary_scenes for entry in entries])[by_high]
+    scenes = _coded(np.stack([entry.primary_scenes for entry in entries])[by_high], SAME_TO)
+    n_told = least_differing(confidence)
     of_differing = n_draws - np.array(
         [draws_cut_off(n_draws, confidence, n) for n in range(scenes.shape[1] + 1)]
     )
+    of_differing[:n_told] = n_draws + 1
     n_near = n_entries - np.searchsorted(np.sort(high), low[by_high])
     best = np.ones(n_entries, dtype=np.intp)
-    worst = n_near.copy()  # who lies wholly below is surely worse
+    worst = np.full(n_entries, n_entries)
     for i, end in enumerate(n_near):
-        best[end:] += 1
-        near = slice(i + 1, end)
-        n_differing = np.count_nonzero(scenes[near] != scenes[i], axis=1)
-        least = np.maximum(np.maximum(needed[i], needed[near]), of_differing[n_differing])
-        wins = np.count_nonzero(codes[i] > codes[near], axis=1) >= least
-        losses = np.count_nonzero(codes[i] < codes[near], axis=1) >= least
+        near, others = slice(i + 1, end), slice(i + 1, None)
+        n_differing = np.count_nonzero(scenes[others] != scenes[i], axis=1)
+        wins = n_differing >= n_told  # over who lies wholly below
+        losses = np.zeros_like(wins)
+        n_of_near = n_differing[: end - i - 1]
+        least = np.maximum(np.maximum(needed[i], needed[near]), of_differing[n_of_near])
+        wins[: len(least)] = np.count_nonzero(codes[i] > codes[near], axis=1) >= least
+        losses[: len(least)] = np.count_nonzero(codes[i] < codes[near], axis=1) >= least
         best[i] += np.count_nonzero(losses)
         worst[i] -= np.count_nonzero(wins)
-        best[i + 1 : end] += wins
-        worst[i + 1 : end] -= losses
+        best[others] += wins
+        worst[others] -= losses
     return np.stack([best, worst], axis=1)[np.argsort(by_high)]
 
 
@@ -161,8 +165,10 @@ def _spans(draws: FloatArray) -> tuple[FloatArray, FloatArray]:
     return low, np.where(is_undefined, np.inf, draws.max(axis=1))
 
 
-def _coded(draws: FloatArray) -> NDArray[Any]:
+def _coded(draws: FloatArray, same_to: float = 0.0) -> NDArray[Any]:
     """Return numbers that stand to each other within a draw as its values do, and compare faster.
+
+    Values are the same that lie no further apart than `same_to`.
 
     NaN stands to nothing, and so to no number: draws that hold one stay as they are.
     """
@@ -174,6 +180,6 @@ def _coded(draws: FloatArray) -> NDArray[Any]:
         order = np.argsort(draws[:, few], axis=0)
         ordered = np.take_along_axis(draws[:, few], order, axis=0)
         steps = np.zeros(ordered.shape, dtype=kind)
-        np.cumsum(ordered[1:] > ordered[:-1], axis=0, out=steps[1:])
+        np.cumsum(np.diff(ordered, axis=0) > same_to, axis=0, out=steps[1:])
         codes[order, few] = steps
     return codes

@@ -327,8 +327,8 @@ def _few_scenes_of_a_family(
     if ids:
         names = ", ".join(protocol.families[family].id for family in few)
         what = (
-            f"the family has samples in fewer than {least} scenes: it has no interval, and that of the mean "
-            f"of families is as wide as so few make it: {names}"
+            f"the family has samples in fewer than {least} scenes: it has no interval, and so the mean of "
+            f"families has none, and ranks no ranges: {names}"
         )
         yield LintWarning("few_scenes_of_a_family", what, len(ids), ids)
 

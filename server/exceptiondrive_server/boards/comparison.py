@@ -11,7 +11,13 @@ from exceptiondrive_schemas.printable import MINUS, counted
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.score_sheet import Interval, PairedDifference, ScoreSheet
 from exceptiondrive_server.boards.charts import labels_of
-from exceptiondrive_server.boards.entry_facts import challenge_of, entry_key, flags_of, is_barred
+from exceptiondrive_server.boards.entry_facts import (
+    challenge_of,
+    entry_key,
+    few_scenes,
+    flags_of,
+    is_barred,
+)
 from exceptiondrive_server.boards.table import short_title
 from exceptiondrive_server.web.numbers import Digits, listed, percent, unit_of
 from exceptiondrive_server.web.templating import template_filter
@@ -131,7 +137,7 @@ class Comparison:
         """What the comparison sample by sample says."""
         label = self.first.label
         if found.interval is None:
-            return f"Sample by sample, {label} gives no interval here."
+            return f"Sample by sample, {label} gives no interval here. {few_scenes(self.board)}".rstrip()
         is_open = "this split does not settle which is better"
         settled = self.settled(self.first, found) if is_sure(found) else is_open
         return (

@@ -9,7 +9,7 @@ from exceptiondrive_schemas.challenges import CHALLENGES, Challenge, Metric, Out
 from exceptiondrive_schemas.flags import bars_leading
 from exceptiondrive_schemas.score_sheet import Interval, MetricRow
 from exceptiondrive_server.boards.query import Average
-from exceptiondrive_server.web.numbers import DASH, slug
+from exceptiondrive_server.web.numbers import DASH, listed, slug
 from exceptiondrive_server.web.templating import template_filter
 
 
@@ -73,6 +73,18 @@ def board_fields(board: Board, is_current: bool = False) -> tuple[tuple[str, str
 def board_name(board: Board) -> str:
     """Return what a board is called: `Board 7`, or `Late view`, which has no number of its own."""
     return "Late view" if board.view == "late" else f"Board {board.board}"
+
+
+@template_filter
+def few_scenes(board: Board) -> str:
+    """Say why a board has no intervals, and which families have too few scenes; nothing where it has some."""
+    if not board.min_scenes:
+        return ""
+    few = [f"{head.title} has {head.n_scenes}" for head in board.families if head.n_scenes]
+    takes = f"intervals take {board.min_scenes}"
+    if board.headline == "macro_family":
+        takes += " in each family" + (f", and {listed(few)}" if few else "")
+    return f"This split has too few scenes to say how sure a number is: {takes}."
 
 
 @template_filter

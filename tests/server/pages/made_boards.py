@@ -116,7 +116,7 @@ def _entry(draw: Any, challenge: Challenge, source: EntrySource, has_intervals: 
             family: FamilyCell.model_validate({
                 "n": COUNTS[family],
                 **{key: None if value is None else round(value, 4) for key, value in row.items()},
-                "intervals": {first: _around(draw, row[first])} if has_intervals else {},
+                "intervals": {first: _around(draw, row[first])},
             })
             for family, row in rows.items()
         },

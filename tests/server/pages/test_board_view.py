@@ -9,6 +9,7 @@ from tests.server.pages.invented_board import BLIND, KEYS, STILL
 from exceptiondrive_schemas.board import Board, FamilyCell
 from exceptiondrive_schemas.challenges import PLANNING, STRATEGY, Challenge
 from exceptiondrive_schemas.protocol import ProtocolDocument
+from exceptiondrive_server.boards.entry_facts import few_scenes
 from exceptiondrive_server.boards.families import Hardness, families_of
 from exceptiondrive_server.boards.queries import without_reported
 from exceptiondrive_server.boards.query import BY_RANK, BoardQuery
@@ -121,6 +122,25 @@ def test_the_rows_that_could_be_first_are_those_whose_rank_range_holds_1(
     marked = [row.entry.rank_interval for row in seen.rows if row.key in seen.first_of_all]
     assert marked == [(1, 2), (1, 3)]
     assert seen.first_sentence == "Marked at the left: the 2 that could be first."
+
+
+@pytest.mark.parametrize(
+    ("headline", "n_scenes", "takes"),
+    [
+        ("macro_family", 1, "10 in each family, and Sudden Emergence has 1"),
+        ("macro_family", None, "10 in each family"),
+        ("micro", 1, "10"),
+    ],
+)
+def test_a_board_without_intervals_names_the_family_of_too_few_scenes(
+    lively_board: Board, headline: str, n_scenes: int | None, takes: str
+) -> None:
+    first, *others = lively_board.families
+    heads = (first.model_copy(update={"n_scenes": n_scenes}), *others)
+    told = {"headline": headline, "min_scenes": 10, "families": heads}
+    said = few_scenes(lively_board.model_copy(update=told))
+    few = "This split has too few scenes to say how sure a number is"
+    assert said == f"{few}: intervals take {takes}."
 
 
 def test_the_other_average_shows_its_values_without_intervals(

@@ -100,6 +100,9 @@ def test_where_there_is_no_interval_nothing_is_said_to_be_open(lively_board: Boa
     both = Comparison(board, first, second, Digits())
     assert both.families_sentence == ""
     assert both.verdict.endswith("Sample by sample, HCC gives no interval here.")
+    told = Comparison(board.model_copy(update={"min_scenes": 5}), first, second, Digits()).verdict
+    assert told.endswith("gives no interval here. This split has too few scenes to say how sure a number is: "
+                         "intervals take 5 in each family.")  # fmt: skip
     assert against(board, first, second, Digits()).note == "no interval"
 
 
@@ -350,7 +353,10 @@ async def test_a_comparison_says_what_its_differences_are_of_and_how_many_are_ch
         "on the samples that both define: of a metric that a sample can leave undefined, this need "
         "not be the difference of the two means above."
     ) in text
-    assert "Of equal planners, up to about 5 % of the lines look sure by chance." in text
+    assert (
+        "Of equal planners with even differences, up to about 5 % of the lines look sure by chance; "
+        "more where one is mostly a little better and seldom far worse."
+    ) in text
 
 
 async def test_every_page_names_the_confidence_of_its_intervals_as_it_is(

@@ -68,7 +68,10 @@ async def test_the_protocol_page_says_which_flags_take_a_rank_and_when_they_are_
     assert "Stands still" in labels
     assert f"listed with its numbers, and takes no rank: {labels}." in text
     assert [kind.code for kind in FLAGS.values() if f"<b>{kind.label}" not in text] == []
-    assert "A mean over fewer than 5 scenes has no interval." in text
+    assert (
+        "A mean over fewer than 5 scenes has no interval, nor has a mean of families one of which has fewer."
+        in text
+    )
     assert "At most 2 decimals of per cent and 2 of metres leave the server" in text
     assert "Of a withheld split, intervals of shares end at whole per cents, outward" in text
     assert "more than 5 m from the drive that was recorded" in text

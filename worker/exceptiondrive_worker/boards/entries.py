@@ -80,12 +80,14 @@ def board_entries(
 
 def family_heads(split: LoadedSplit, protocol: ProtocolDocument) -> tuple[FamilyHead, ...]:
     """Families that have samples on this split, in taxonomy order."""
-    sizes = np.bincount(split.arrays.family_index, minlength=len(protocol.families))
-    return tuple(
-        FamilyHead(id=family.id, title=family.title, n=int(n))
-        for family, n in zip(protocol.families, sizes, strict=True)
-        if n
-    )
+    arrays, least = split.arrays, protocol.ranking.min_scenes
+    heads = []
+    for index, family in enumerate(protocol.families):
+        scenes = arrays.scene_index[arrays.family_index == index]
+        n_scenes = len(np.unique(scenes))
+        told = n_scenes if n_scenes < least else None
+        heads.append(FamilyHead(id=family.id, title=family.title, n=len(scenes), n_scenes=told))
+    return tuple(head for head in heads if head.n)
 
 
 class _Rows:

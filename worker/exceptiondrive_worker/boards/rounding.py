@@ -17,7 +17,7 @@ from exceptiondrive_schemas.score_sheet import (
     MetricRow,
     ScoreSheet,
 )
-from exceptiondrive_scoring.compare import SAME_TO
+from exceptiondrive_scoring.bootstrap import SAME_TO
 from exceptiondrive_worker.stages import Target
 
 
