@@ -7,7 +7,7 @@ import re
 import shutil
 import warnings
 from collections import defaultdict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,9 +20,10 @@ from typer.testing import CliRunner, Result
 
 from exceptiondrive_build.candidates import walk
 from exceptiondrive_build.cli import app
+from exceptiondrive_build.freezing import commands
 from exceptiondrive_build.freezing.croissant import croissant
 from exceptiondrive_build.freezing.datasheet_text import markdown_of
-from exceptiondrive_build.freezing.freeze import gzipped
+from exceptiondrive_build.freezing.freeze import gzipped, pictures
 from exceptiondrive_build.inspection import draw
 from exceptiondrive_build.numbers import is_verified
 from exceptiondrive_build.records import Kind
@@ -729,8 +730,39 @@ def test_what_a_broken_freeze_left_is_not_in_the_next(shop: Path) -> None:
     (pictures / "withdrawn.source.jpg").write_bytes(b"left")
     (pictures.parent / "split.json").write_bytes(b"left")
     assert run("freeze", shop / "frozen" / "1", "--workshop", shop).exit_code == 0
-    files = [path for path in (shop / "frozen").rglob("*") if path.is_file()]
+    files = [path for path in (shop / "frozen" / "1").rglob("*") if path.is_file()]
     assert b"left" not in [path.read_bytes() for path in files]
+
+
+def test_of_two_freezes_into_one_folder_one_is_whole_and_the_other_refused(
+    shop: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The second begins and ends while the first has written some of its files."""
+    set_freeze(shop, "pictures = false", "pictures = true")
+    out, second = shop / "frozen" / "1", list[Result]()
+
+    def meanwhile(*of: Any) -> Iterator[tuple[str, bytes]]:
+        first_picture, *rest = pictures(*of)
+        yield first_picture
+        with monkeypatch.context() as usual:
+            usual.setattr(commands, "pictures", pictures)
+            second.append(run("freeze", out, "--workshop", shop))
+        yield from rest
+
+    monkeypatch.setattr(commands, "pictures", meanwhile)
+    first = run("freeze", out, "--workshop", shop)
+    assert [first.exit_code, second[0].exit_code] == [2, 0]
+    assert f"{out}: Directory not empty" in first.output
+    assert list((shop / "frozen").iterdir()) == [out]
+    monkeypatch.undo()
+    alone = shop / "frozen" / "alone"
+    assert run("freeze", alone, "--workshop", shop).exit_code == 0
+    assert files_in(out) == files_in(alone)
+
+
+def files_in(folder: Path) -> dict[str, bytes]:
+    files = [path for path in folder.rglob("*") if path.is_file()]
+    return {str(path.relative_to(folder)): path.read_bytes() for path in files}
 
 
 def test_a_freeze_that_breaks_off_leaves_nothing(shop: Path) -> None:
