@@ -656,6 +656,30 @@ def test_a_revision_counts_no_candidate_of_the_next_split(shop: Path) -> None:
     assert without.stages[0].of == 42
 
 
+def test_a_region_verified_since_is_of_the_next_split_and_counted_in_its_datasheet_alone(
+    shop: Path,
+) -> None:
+    """One region waited for its second reader when the split was frozen."""
+    with Workshop(shop) as workshop:
+        limits = workshop.settings.verify
+        late = next(
+            it for it in walk(workshop).values() if is_verified(it, limits) and it.is_accepted
+        )
+        reading = late.verifications[-1]
+        workshop.records.append(
+            reading.model_copy(update={"value": None, "supersedes": reading.id})
+        )
+    first = Datasheet.model_validate_json(frozen(shop, "1")["datasheet.json"])
+    previous = shop / "frozen" / "1" / "split.json.gz"
+    with Workshop(shop) as workshop:
+        workshop.records.append(reading)
+    withdraw(shop, [read_split(previous).samples[0].sample_id])
+    told = ("--previous", previous, "--words", "One failed.")
+    later = Datasheet.model_validate_json(frozen(shop, "2", *told)["datasheet.json"])
+    assert (later.stages[:-1], later.agreement) == (first.stages[:-1], first.agreement)
+    assert later.stages[-1].n == later.n_samples == first.n_samples - 1
+
+
 def test_an_audit_of_mid_season_is_told_by_the_next_revision(shop: Path) -> None:
     before = Datasheet.model_validate_json(frozen(shop, "1")["datasheet.json"]).audit
     assert before is not None
