@@ -303,6 +303,18 @@ def withdraw(shop: Path, sample_ids: Sequence[str], *options: str) -> Result:
     )  # fmt: skip
 
 
+def test_people_are_numbered_anew_in_each_revision_and_are_said_to_be(shop: Path) -> None:
+    """Ada, whose name comes first, has withdrawn a sample since."""
+    previous = shop / "frozen" / "1" / "split.json.gz"
+    first = frozen(shop, "1")
+    withdraw(shop, [split_of(first).samples[0].sample_id])
+    later = frozen(shop, "2", "--previous", previous, "--words", "One failed.")
+    for files, by in ((first, {"person 1", "person 2"}), (later, {"person 2", "person 3"})):
+        sheet = Datasheet.model_validate_json(files["datasheet.json"])
+        assert {it.by for it in sheet.deciders if it.stage == "verify"} == by
+        assert b"People are numbered anew in each revision." in files["datasheet.md"]
+
+
 def test_a_later_revision_keeps_its_samples_and_says_what_changed(shop: Path) -> None:
     first = split_of(frozen(shop, "1"))
     ids = [sample.sample_id for sample in first.samples]
