@@ -5,6 +5,7 @@ import json
 import random
 import re
 import shutil
+import subprocess
 import warnings
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
@@ -164,6 +165,7 @@ def test_the_same_decisions_give_the_same_bytes(read: Path, tmp_path: Path) -> N
         contents.append(frozen(folder, "1", "--auxiliary"))
     assert contents[0] == contents[1]
     assert set(contents[0]) == WITHHELD | {
+        ".gitignore",
         "manifest.json",
         "datasheet.json",
         "datasheet.md",
@@ -180,6 +182,17 @@ def read_otherwise(decided: Record, by: str) -> Record:
         return decided
     first, *rest = ([x + 0.07, y + 0.03] for x, y in value["corners"])
     return decided.model_copy(update={"value": value | {"corners": [*rest, first]}})
+
+
+def test_what_is_frozen_is_left_out_of_the_repository_that_it_stands_in(
+    shop: Path, tmp_path: Path
+) -> None:
+    subprocess.run(["git", "init", "-q", tmp_path], check=True)
+    assert run("freeze", tmp_path / "f27", "--workshop", shop).exit_code == 0
+    (tmp_path / "report.svg").write_text("")
+    status = ["git", "-C", str(tmp_path), "status", "--porcelain"]
+    told = subprocess.run(status, capture_output=True, text=True, check=True)
+    assert told.stdout == "?? report.svg\n"
 
 
 def test_no_corner_leaves_but_in_the_split_file(shop: Path) -> None:
