@@ -186,7 +186,8 @@ def test_the_agreement_of_the_first_page_is_that_of_the_report(shop: Path, tmp_p
         with site.open, Workshop(folder) as workshop:
             ada, grace = site.let_in("ada"), site.let_in("grace")
             (card, *_) = ada.post("/api/verify/claim", json={"have": 0}).json()["cards"]
-            word = {"card": card["id"], "value": {"accepted": True, "corners": card["corners"]}}
+            value = {"accepted": True, "corners": card["corners"], "checked": ["views"]}
+            word = {"card": card["id"], "value": value}
             for reader in (ada, grace):
                 assert reader.post("/api/verify/decide", json=word).status_code == 200
             pictures = walk(workshop)[card["id"]].pictures
