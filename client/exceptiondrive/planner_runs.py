@@ -152,9 +152,7 @@ def read_vad(path: Path, mode: int | None, on_form: OnForm) -> Tokens:
         if mode is not None:
             on_form(f"mode {mode} of {len(modes)}")
         points = points_of(path, token, increments, None)
-        if points is not None and all(
-            len(point) > 1 for point in points
-        ):  # others add up to nothing
+        if points and all(len(point) > 1 for point in points):  # others add up to nothing
             points = tuple(summed([(x, y) for x, y, *_ in points]))
         yield token, points
 

@@ -102,10 +102,12 @@ class BoardEntry(Document):
         return self.rank is not None and not barred
 
 
-def has_fine_intervals(intervals: Mapping[str, Interval | None], challenge: str) -> bool:
-    """Whether one of a share has an end that is no whole per cent."""
+def has_fine_intervals(entry: "BoardEntry", challenge: str) -> bool:
+    """Whether one of a share has an end that is no whole per cent; of families where it has none itself."""
+    rows = [entry] if any(entry.intervals.values()) else entry.families.values()
     found = (
-        intervals.get(metric.key)
+        row.intervals.get(metric.key)
+        for row in rows
         for metric in CHALLENGES[challenge].metrics
         if metric.unit == "fraction"
     )
@@ -201,7 +203,7 @@ class Board(Document):
     @cached_property
     def has_fine_intervals(self) -> bool:
         """Whether an interval of a share is told finer than to whole per cents: of a withheld split none is."""
-        return any(has_fine_intervals(entry.intervals, self.challenge) for entry in self.entries)
+        return any(has_fine_intervals(entry, self.challenge) for entry in self.entries)
 
     @cached_property
     def leader(self) -> BoardEntry | None:

@@ -3,7 +3,7 @@
 import re
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from datetime import timedelta
+from datetime import UTC, datetime, timedelta
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -145,6 +145,30 @@ def test_two_methods_whose_scores_are_kept_back_become_one_only_when_asked(
     assert browser.post(page, {"method": "Two", "replace": "yes"}, page=page).status_code == 303
     said = api.request("PATCH", f"/submissions/{one}", "alpha", json={"description": "More."})
     assert said.status_code == 200, "they are one already"
+
+
+def test_a_private_run_brings_no_two_together_unasked_whose_scores_are_kept_back(
+    api: "Api", as_problem: Problem
+) -> None:
+    hides = PhasePolicy(
+        frozen_scores="hidden",
+        run_choice="team",
+        entries_private=True,
+        freezes_at=datetime(2026, 1, 1, tzinfo=UTC),
+    )
+    api.phase("frozen", policy=hides)
+    private, *public = (
+        api.submit(each, phase="frozen", method=method).json()["id"]
+        for each, method in (("a", "One"), ("b", "One"), ("c", "Two"))
+    )
+    for each in (private, *public):
+        api.score(each)
+    for each in public:
+        assert api.post(f"/submissions/{each}/publish", "alpha").status_code == 200
+    answer = api.request("PATCH", f"/submissions/{private}", "alpha", json={"method": "Two"})
+    assert "another run of your team" in as_problem(answer, 409, "not_confirmed")["detail"]
+    answer = api.request("PATCH", f"/submissions/{private}", "alpha", json={"method": "Three"})
+    assert answer.status_code == 200, "its own runs stay together"
 
 
 def test_a_public_run_is_named_before_another_takes_its_place(

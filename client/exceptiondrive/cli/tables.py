@@ -207,13 +207,10 @@ def _standing(view: SubmissionView) -> tuple[str, str]:
         )
     if view.is_late:
         return "not ranked", "it came after the deadline, so it holds no rank and moves none"
+    if because := view.no_rank_to_come:
+        return "not ranked", because
     if view.awaits_board:
-        because = view.no_rank_to_come
-        return (
-            ("not ranked", because)
-            if because
-            else ("rank awaited", "the next board is being built")
-        )
+        return "rank awaited", "the next board is being built"
     if not view.is_published and view.unranked_because is None:
         return "not ranked", f"it is private: exceptiondrive publish {view.id} shows it"
     if view.is_duplicate and view.sheet is None and view.rank is None:

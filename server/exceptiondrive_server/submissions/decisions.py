@@ -83,9 +83,10 @@ def decide(
         submission = find_submission(session, submission_id, team_id=team_id)
         method, before = submission.method, _decided(submission)
         standing = {} if replace else _standing(session, submission)
-        rivals = set() if replace else _hidden_rivals(session, submission)
+        together = [] if replace else _together(session, submission)
         what(session, submission_id, actor=principal.actor)
-        if not replace and not _hidden_rivals(session, submission) <= rivals:
+        after = [] if replace else _together(session, submission)
+        if not all(any(ids <= was for was in together) for ids in after):
             raise NotConfirmed(_ONE_OF_TWO)
         if gone := standing and standing.keys() - _standing(session, submission).keys():
             may_read = Scope.READ_OWN in principal.scopes
@@ -106,25 +107,21 @@ def _standing(session: Session, submission: Submission) -> dict[str, SubmissionV
     return {each.id: each for each in views(session, standing)}
 
 
-def _hidden_rivals(session: Session, submission: Submission) -> set[str]:
-    """Return the runs with which it shares a place on the board, where a score of the two is kept back.
+def _together(session: Session, submission: Submission) -> list[set[str]]:
+    """Return the runs of its team that share a place on the board, where a score of them is kept back.
 
-    `replacements` leaves them out: which of the two stands may tell which is the better.
+    `replacements` leaves them out: which of them stands may tell which is the best.
     """
     phase, now = session.get_one(Phase, submission.phase_id), database_now(session)
-    public = _public(session, submission, phase)
-    shows_one = phase.policy.entries_shown == "chosen" and not is_late(phase, submission)
-    is_hidden = {each: score_kept_back_since(phase, each, now) is not None for each in public}
-    if submission not in is_hidden:
-        return set()
-    return {
-        each.id
-        for each in public
-        if each is not submission
-        and (shows_one or each.method == submission.method)
-        and is_late(phase, each) == is_late(phase, submission)
-        and (is_hidden[each] or is_hidden[submission])
-    }
+    found: dict[tuple[bool, str], set[str]] = {}
+    hidden = set()
+    for each in _public(session, submission, phase):
+        late = is_late(phase, each)
+        shows_one = phase.policy.entries_shown == "chosen" and not late
+        found.setdefault((late, "" if shows_one else each.method), set()).add(each.id)
+        if score_kept_back_since(phase, each, now) is not None:
+            hidden.add(each.id)
+    return [ids for ids in found.values() if len(ids) > 1 and ids & hidden]
 
 
 def _public(session: Session, submission: Submission, phase: Phase) -> list[Submission]:

@@ -44,8 +44,7 @@ def score_tables(session: Session, seen: SubmissionView) -> ScoreTables:
         challenge=CHALLENGES[seen.challenge],
         digits=Digits.of(
             protocol.publication,
-            has_fine_intervals=entry is not None
-            and has_fine_intervals(entry.intervals, seen.challenge),
+            has_fine_intervals=entry is not None and has_fine_intervals(entry, seen.challenge),
         ),
         families=entry.families if entry else {},
         other_average=OTHER_AVERAGE[headline],

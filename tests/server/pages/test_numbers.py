@@ -165,3 +165,19 @@ def test_a_board_tells_whether_its_intervals_have_decimals(lively_board: Board) 
 
     assert shown(whole, whole) == ["50 to 100", "50 to 100"]
     assert shown(whole, fine) == ["50.00 to 100.00", "42.86 to 92.31"]
+
+
+def test_intervals_of_families_alone_have_the_same_decimals(lively_board: Board) -> None:
+    """The mean of families has none where one of them has few scenes; the others' stand beside each other."""
+    entry = lively_board.entries[0]
+
+    def board(**intervals: Any) -> Board:
+        cells = {
+            key: cell.model_copy(update={"intervals": intervals})
+            for key, cell in entry.families.items()
+        }
+        one = entry.model_copy(update={"intervals": {"hcc": None}, "families": cells})
+        return lively_board.model_copy(update={"entries": (one,)})
+
+    assert board(hcc=(0.4286, 1.0)).has_fine_intervals
+    assert not board(hcc=(0.5, 1.0)).has_fine_intervals
