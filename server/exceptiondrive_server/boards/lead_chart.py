@@ -85,10 +85,9 @@ def lead_chart(
     values = [100 * change.value for change in changes]
     scale = nice_scale(values, frame.upwards, floor=0.0, ceiling=100.0)
     places = [(along(change.lead.at), scale.at(100 * change.value)) for change in changes]
-    ends = [*(x for x, _ in places[1:]), right]
     ends = [
         end if change.until is None else along(change.until)
-        for change, end in zip(changes, ends, strict=True)
+        for change, end in zip(changes, [*(x for x, _ in places[1:]), right], strict=True)
     ]
     steps: list[list[str]] = []
     is_joined = False

@@ -57,12 +57,12 @@ def backup(
             raise
         say(f"{head.n_files} files and {head.audit_lines} audit lines in {file}; keep it private")
         _tell_lost(head)
+        _note(database, BACKUP_WRITTEN, as_of=head.created_at)
         with database.read() as session:
             begin_snapshot(session)
             broken = violations(session)
         for violation in broken[:20]:
             say(f"restore would refuse it: {violation}")
-        _note(database, BACKUP_WRITTEN, as_of=head.created_at)
 
 
 def _tell_lost(head: BackupHead) -> None:
