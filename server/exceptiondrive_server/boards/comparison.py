@@ -1,7 +1,7 @@
 """Two entries of one board side by side: a plain verdict, their families, differences."""
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -264,8 +264,9 @@ class Difference:
     found: PairedDifference | None
 
     def interval(self, metric: Metric, digits: Digits) -> str:
-        """Write the interval; that of a task ends at whole per cents, outward."""
-        return digits.interval(metric, self.found.interval if self.found else None, signed=True)
+        """Write the interval; that of a task ends at whole per cents, outward, and claims no decimals."""
+        told = digits if self.is_family else replace(digits, has_fine_intervals=False)
+        return told.interval(metric, self.found.interval if self.found else None, signed=True)
 
 
 @dataclass(frozen=True)

@@ -464,7 +464,7 @@ async def test_the_page_shows_tasks_with_and_without_intervals(paired_site: Any)
     text = (await paired_site.get("/compare?a=s0000000kq&b=s0000002kq")).text
     assert text.count("<tr") > 27
     assert text.count('<th scope="col" class="tx">Verdict</th>') == 2
-    assert "+1.00 to +7.00" in text
+    assert "+1 to +7" in text
     other = (await paired_site.get("/compare?a=s0000001kq&b=s0000002kq")).text
     tasks = other[other.index('id="tasks"') :]
     assert "Stalled vehicle" in tasks
