@@ -152,6 +152,12 @@ def test_what_is_scored_as_a_whole_gets_no_parts(life: "Life") -> None:
     with pytest.raises(SplitUnavailableError, match="is scored before its time"):
         add_split_file(life.database, splits, source, packaged_protocol(), "Half is kept.")
     assert splits.files() == before
+    (held,) = (path for path in before if path.parent.name == "plain")
+    away = held.rename(life.worker.private_dir / "away.json")
+    with pytest.raises(SplitUnavailableError, match="is scored before its time"):
+        add_split_file(life.database, splits, source, packaged_protocol(), "")
+    assert held not in splits.files()
+    away.rename(held)
     with pytest.raises(SplitsRefusedError, match="is scored before its time"):
         add_split(life.database, life.worker.splits_dir, parted, "split-2.json", "Half is kept.")
     with life.database.read() as session:

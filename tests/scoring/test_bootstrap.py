@@ -166,6 +166,14 @@ def test_the_same_seed_gives_the_same_bits_whoever_else_is_on_the_board(
             np.testing.assert_array_equal(getattr(alone, name), getattr(among_others, name))
 
 
+def test_an_entry_keeps_alive_no_more_than_its_own_arrays(
+    split: SplitArrays, protocol: ProtocolDocument
+) -> None:
+    """10,000 entries are held at once: a view of one metric would hold all of them."""
+    own = vars(_one(_scores(1), split, protocol)).values()
+    assert all(each.base is None for each in own if isinstance(each, np.ndarray))
+
+
 def test_another_seed_gives_other_draws(split: SplitArrays, protocol: ProtocolDocument) -> None:
     ranking = protocol.ranking.model_copy(update={"bootstrap_seed": 1})
     other = protocol.model_copy(update={"ranking": ranking})

@@ -209,7 +209,7 @@ def bootstrap(
                 ranking.confidence,
                 float(scenes_by_freedom(n).headline(headline)[primary]),
             ),
-            primary_scenes=scene_marks(entry).headline(headline)[primary],
+            primary_scenes=scene_marks(entry).headline(headline)[primary].copy(),
         )
 
 

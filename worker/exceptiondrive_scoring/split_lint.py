@@ -327,8 +327,8 @@ def _few_scenes_of_a_family(
     if ids:
         names = ", ".join(protocol.families[family].id for family in few)
         what = (
-            f"the family has samples in fewer than {least} scenes: it has no interval, and so the mean of "
-            f"families has none, and ranks no ranges: {names}"
+            f"the family has samples in fewer than {least} scenes: it has no interval, nor has the mean "
+            f"of families, and ranks by that have no ranges: {names}"
         )
         yield LintWarning("few_scenes_of_a_family", what, len(ids), ids)
 

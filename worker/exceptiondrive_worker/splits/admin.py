@@ -151,7 +151,7 @@ def add_split_file(
             current = read_split(held[0])
             _require_same_samples(current, split)
             _require_same_parts(current, split)
-            _require_parts_in_time(database, split)
+        _require_parts_in_time(database, split)
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)
         number = next(n for n in count(len(held)) if not any(folder.glob(f"*-{n}.*")))
         for path in (*folder.glob("split.json*"), *folder.glob("datasheet.json")):

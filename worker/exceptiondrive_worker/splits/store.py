@@ -272,9 +272,9 @@ class SplitStore:
         return self._loaded[key]
 
     def missing(self, names: Iterable[str]) -> list[str]:
-        """Return which of these splits cannot be used, and of the others as `name@revision` what was just asked for in vain.
+        """Return which of these splits cannot be used: they have no file, or floors that cannot be read.
 
-        The former have no file, or floors that cannot be read. No split is opened: what was asked for
+        Then, as `name@revision`, what was just asked for in vain of the others. No split is opened: what was asked for
         in vain is asked for again while something waits for it.
         """
         names, since_s = set(names), time.monotonic() - NOT_FOUND_FOR_S
