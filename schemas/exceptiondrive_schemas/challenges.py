@@ -113,7 +113,7 @@ PLANNING_WORDS = ChallengeWords(
         "{second} (UR)",
         by_share=(
             (0.501, "Even the leading planner hits the hazard {often}."),
-            (0.1, "The leading planner still hits the hazard {often}."),
+            (0.1, "The leading planner hits the hazard {often}."),
             (0.0, "The leading planner stays out of the hazard {rest}."),
         ),
     ),

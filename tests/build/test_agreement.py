@@ -105,6 +105,27 @@ def test_where_a_list_begins_and_turns_is_nothing(
     assert iou(SQUARE, SQUARE) == 1
 
 
+@given(st.integers(0, 3), st.booleans(), st.booleans(), st.floats(-0.2, 0.2), st.floats(-0.2, 0.2))
+def test_a_verified_region_is_one_list_whoever_was_first_and_wherever_theirs_began(
+    shift: int, turned: bool, grace_first: bool, ahead_m: float, left_m: float
+) -> None:
+    other = moved(ahead_m, left_m)
+    a, b, c, d = (*other[shift:], *other[:shift])[:: -1 if turned else 1]
+    usual = [("ada", SQUARE), ("grace", other)]
+    again: list[tuple[str, Corners]] = [("ada", SQUARE), ("grace", (a, b, c, d))]
+    found, same = (
+        [word(*reading) for reading in readings_]
+        for readings_ in (usual, again[:: -1 if grace_first else 1])
+    )
+    assert outcome(same, LIMITS) == outcome(found, LIMITS)
+    assert agreement({"one": same}, LIMITS) == agreement({"one": found}, LIMITS)
+    third = [
+        [word("ada", SQUARE), word("grace", None), word("lin", corners, blind=False)]
+        for corners in (other, (a, b, c, d))
+    ]
+    assert outcome(third[0], LIMITS) == outcome(third[1], LIMITS)
+
+
 def test_iou_and_distance_of_a_known_shift() -> None:
     assert iou(SQUARE, moved(0.5)) == pytest.approx(1.5 / 2.5)
     assert corner_distance_m(SQUARE, moved(0.3, 0.4)) == pytest.approx(0.5)

@@ -5,9 +5,10 @@ import json
 import random
 import re
 import shutil
+import subprocess
 import warnings
 from collections import defaultdict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,12 +21,13 @@ from typer.testing import CliRunner, Result
 
 from exceptiondrive_build.candidates import walk
 from exceptiondrive_build.cli import app
+from exceptiondrive_build.freezing import commands
 from exceptiondrive_build.freezing.croissant import croissant
 from exceptiondrive_build.freezing.datasheet_text import markdown_of
-from exceptiondrive_build.freezing.freeze import gzipped
+from exceptiondrive_build.freezing.freeze import gzipped, pictures
 from exceptiondrive_build.inspection import draw
 from exceptiondrive_build.numbers import is_verified
-from exceptiondrive_build.records import Kind
+from exceptiondrive_build.records import Kind, Record
 from exceptiondrive_build.values import Corners, Edited, Inspected, Verified
 from exceptiondrive_build.workshop import RECORDS, Workshop
 from exceptiondrive_schemas.datasheet import Datasheet, Words
@@ -148,7 +150,7 @@ def test_the_same_decisions_give_the_same_bytes(read: Path, tmp_path: Path) -> N
     for seed in (1, 2):
         folder = Path(shutil.copytree(read, tmp_path / str(seed)))
         with Workshop(folder) as workshop:
-            records = decisions(workshop)
+            records = [read_otherwise(it, by=PEOPLE[1]) for it in decisions(workshop)]
             random.Random(seed).shuffle(records)
             for each in records:
                 workshop.records.append(each)
@@ -158,9 +160,12 @@ def test_the_same_decisions_give_the_same_bytes(read: Path, tmp_path: Path) -> N
                 )
                 undo = kept.model_copy(update={"value": None, "supersedes": kept.id, "id": None})
                 workshop.records.append(undo)
+                scenes = folder / "scenes.jsonl"
+                scenes.write_text("\n".join(reversed(scenes.read_text().splitlines())))
         contents.append(frozen(folder, "1", "--auxiliary"))
     assert contents[0] == contents[1]
     assert set(contents[0]) == WITHHELD | {
+        ".gitignore",
         "manifest.json",
         "datasheet.json",
         "datasheet.md",
@@ -168,6 +173,26 @@ def test_the_same_decisions_give_the_same_bytes(read: Path, tmp_path: Path) -> N
         "croissant.json",
         "made-2027-auxiliary.json.gz",
     }
+
+
+def read_otherwise(decided: Record, by: str) -> Record:
+    """The reading of one person moved by some centimetres, its list of corners begun elsewhere."""
+    value = decided.value or {}
+    if decided.by.person != by or not value.get("corners"):
+        return decided
+    first, *rest = ([x + 0.07, y + 0.03] for x, y in value["corners"])
+    return decided.model_copy(update={"value": value | {"corners": [*rest, first]}})
+
+
+def test_what_is_frozen_is_left_out_of_the_repository_that_it_stands_in(
+    shop: Path, tmp_path: Path
+) -> None:
+    subprocess.run(["git", "init", "-q", tmp_path], check=True)
+    assert run("freeze", tmp_path / "f27", "--workshop", shop).exit_code == 0
+    (tmp_path / "report.svg").write_text("")
+    status = ["git", "-C", str(tmp_path), "status", "--porcelain"]
+    told = subprocess.run(status, capture_output=True, text=True, check=True)
+    assert told.stdout == "?? report.svg\n"
 
 
 def test_no_corner_leaves_but_in_the_split_file(shop: Path) -> None:
@@ -289,6 +314,18 @@ def withdraw(shop: Path, sample_ids: Sequence[str], *options: str) -> Result:
         "withdraw", *sample_ids, "--workshop", shop, "--reason", "On the pavement.", "--by", "ada",
         *options,
     )  # fmt: skip
+
+
+def test_people_are_numbered_anew_in_each_revision_and_are_said_to_be(shop: Path) -> None:
+    """Ada, whose name comes first, has withdrawn a sample since."""
+    previous = shop / "frozen" / "1" / "split.json.gz"
+    first = frozen(shop, "1")
+    withdraw(shop, [split_of(first).samples[0].sample_id])
+    later = frozen(shop, "2", "--previous", previous, "--words", "One failed.")
+    for files, by in ((first, {"person 1", "person 2"}), (later, {"person 2", "person 3"})):
+        sheet = Datasheet.model_validate_json(files["datasheet.json"])
+        assert {it.by for it in sheet.deciders if it.stage == "verify"} == by
+        assert b"People are numbered anew in each revision." in files["datasheet.md"]
 
 
 def test_a_later_revision_keeps_its_samples_and_says_what_changed(shop: Path) -> None:
@@ -644,6 +681,30 @@ def test_a_revision_counts_no_candidate_of_the_next_split(shop: Path) -> None:
     assert without.stages[0].of == 42
 
 
+def test_a_region_verified_since_is_of_the_next_split_and_counted_in_its_datasheet_alone(
+    shop: Path,
+) -> None:
+    """One region waited for its second reader when the split was frozen."""
+    with Workshop(shop) as workshop:
+        limits = workshop.settings.verify
+        late = next(
+            it for it in walk(workshop).values() if is_verified(it, limits) and it.is_accepted
+        )
+        reading = late.verifications[-1]
+        workshop.records.append(
+            reading.model_copy(update={"value": None, "supersedes": reading.id})
+        )
+    first = Datasheet.model_validate_json(frozen(shop, "1")["datasheet.json"])
+    previous = shop / "frozen" / "1" / "split.json.gz"
+    with Workshop(shop) as workshop:
+        workshop.records.append(reading)
+    withdraw(shop, [read_split(previous).samples[0].sample_id])
+    told = ("--previous", previous, "--words", "One failed.")
+    later = Datasheet.model_validate_json(frozen(shop, "2", *told)["datasheet.json"])
+    assert (later.stages[:-1], later.agreement) == (first.stages[:-1], first.agreement)
+    assert later.stages[-1].n == later.n_samples == first.n_samples - 1
+
+
 def test_an_audit_of_mid_season_is_told_by_the_next_revision(shop: Path) -> None:
     before = Datasheet.model_validate_json(frozen(shop, "1")["datasheet.json"]).audit
     assert before is not None
@@ -729,8 +790,39 @@ def test_what_a_broken_freeze_left_is_not_in_the_next(shop: Path) -> None:
     (pictures / "withdrawn.source.jpg").write_bytes(b"left")
     (pictures.parent / "split.json").write_bytes(b"left")
     assert run("freeze", shop / "frozen" / "1", "--workshop", shop).exit_code == 0
-    files = [path for path in (shop / "frozen").rglob("*") if path.is_file()]
+    files = [path for path in (shop / "frozen" / "1").rglob("*") if path.is_file()]
     assert b"left" not in [path.read_bytes() for path in files]
+
+
+def test_of_two_freezes_into_one_folder_one_is_whole_and_the_other_refused(
+    shop: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The second begins and ends while the first has written some of its files."""
+    set_freeze(shop, "pictures = false", "pictures = true")
+    out, second = shop / "frozen" / "1", list[Result]()
+
+    def meanwhile(*of: Any) -> Iterator[tuple[str, bytes]]:
+        first_picture, *rest = pictures(*of)
+        yield first_picture
+        with monkeypatch.context() as usual:
+            usual.setattr(commands, "pictures", pictures)
+            second.append(run("freeze", out, "--workshop", shop))
+        yield from rest
+
+    monkeypatch.setattr(commands, "pictures", meanwhile)
+    first = run("freeze", out, "--workshop", shop)
+    assert [first.exit_code, second[0].exit_code] == [2, 0]
+    assert f"{out}: Directory not empty" in first.output
+    assert list((shop / "frozen").iterdir()) == [out]
+    monkeypatch.undo()
+    alone = shop / "frozen" / "alone"
+    assert run("freeze", alone, "--workshop", shop).exit_code == 0
+    assert files_in(out) == files_in(alone)
+
+
+def files_in(folder: Path) -> dict[str, bytes]:
+    files = [path for path in folder.rglob("*") if path.is_file()]
+    return {str(path.relative_to(folder)): path.read_bytes() for path in files}
 
 
 def test_a_freeze_that_breaks_off_leaves_nothing(shop: Path) -> None:

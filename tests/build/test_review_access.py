@@ -95,6 +95,20 @@ def test_an_address_works_once_and_the_terminal_is_told_the_next(site: Site) -> 
     assert other.get("/inspect").headers["location"] == "/"
 
 
+def test_the_terminal_is_told_the_next_address_although_one_of_the_page_is_unused(
+    site: Site,
+) -> None:
+    ada = site.let_in("ada")
+    lost = ada.post("/api/address").json()["address"]
+    shown = site.keys[-1]
+    site.let_in("grace")
+    assert site.keys[-1] != shown
+    assert site.browser().get(f"/open/{site.keys[-1]}").status_code == 303
+    told = len(site.keys)
+    assert site.browser().get(lost).status_code == 303
+    assert len(site.keys) == told
+
+
 def test_a_page_of_another_site_and_another_name_of_this_machine_get_nothing(site: Site) -> None:
     ada = site.let_in()
     body = {"have": 0}
@@ -172,7 +186,8 @@ def test_the_agreement_of_the_first_page_is_that_of_the_report(shop: Path, tmp_p
         with site.open, Workshop(folder) as workshop:
             ada, grace = site.let_in("ada"), site.let_in("grace")
             (card, *_) = ada.post("/api/verify/claim", json={"have": 0}).json()["cards"]
-            word = {"card": card["id"], "value": {"accepted": True, "corners": card["corners"]}}
+            value = {"accepted": True, "corners": card["corners"], "checked": ["views"]}
+            word = {"card": card["id"], "value": value}
             for reader in (ada, grace):
                 assert reader.post("/api/verify/decide", json=word).status_code == 200
             pictures = walk(workshop)[card["id"]].pictures

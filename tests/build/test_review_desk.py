@@ -441,6 +441,15 @@ def test_a_region_that_no_split_may_hold_is_refused_in_words(
     desk.decide("verify", card_, ADA, accepted(desk, card_))
 
 
+def test_a_region_is_accepted_by_who_says_what_was_checked(desk: Desk) -> None:
+    (card_,) = desk.claim("verify", ADA, 1)
+    word = accepted(desk, card_)
+    with pytest.raises(BuildError, match="Say what you checked"):
+        desk.decide("verify", card_, ADA, word.model_copy(update={"checked": ()}))
+    assert desk.standing("verify", card_) == ()
+    desk.decide("verify", card_, ADA, word)
+
+
 def test_on_a_full_disk_the_decision_is_refused_and_the_card_stays(desk: Desk) -> None:
     (card_,) = desk.claim("inspect", ADA, 1)
     connection = desk.workshop.records._connection

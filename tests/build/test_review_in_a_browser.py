@@ -354,7 +354,8 @@ def test_two_who_never_agree_are_told_what_the_cards_wait_for(
                 localized = desk.candidates[card].localized
                 assert localized is not None
                 corners = localized.corners if accepted else None
-                desk.decide("verify", card, holder, Verified(accepted=accepted, corners=corners))
+                word = Verified(accepted=accepted, corners=corners, checked=("location",))
+                desk.decide("verify", card, holder, word)
         desk.leases.close()
     with site_of(shop) as site:
         for name in ("ada", "grace"):

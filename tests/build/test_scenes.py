@@ -12,6 +12,7 @@ import pytest
 import shapely
 from PIL import Image
 from tests.build.shop import ground_polygon, make_shop
+from tests.support.made_pictures import png_that_says
 from typer.testing import CliRunner
 
 from exceptiondrive_build.cli import app
@@ -344,6 +345,22 @@ def test_an_unreadable_picture_is_named(set_: Path, content: bytes | None) -> No
         scenes.picture(scenes.keyframes[0], scenes.keyframes[0].camera("CAM_FRONT"))
 
 
+def test_a_picture_is_refused_in_words_alone_none_and_one_larger_than_any_cameras(
+    set_: Path, recwarn: pytest.WarningsRecorder
+) -> None:
+    path = first_picture(set_)
+    path.write_bytes(b"<html>no")
+    scenes = read_scenes(set_)
+    read = (scenes.keyframes[0], scenes.keyframes[0].camera("CAM_FRONT"))
+    with pytest.raises(BuildError, match=r"scene scene-0001\): no picture of a known form\.$"):
+        scenes.picture(*read)
+    for side_px, said in ((10_000, "10000 x 10000 pixels are too many"), (14_000, "exceeds limit")):
+        path.write_bytes(png_that_says(side_px, side_px))
+        with pytest.raises(BuildError, match=said):
+            scenes.picture(*read)
+    assert not recwarn.list
+
+
 def test_a_picture_of_another_size_is_named(set_: Path) -> None:
     Image.new("RGB", (64, 36)).save(first_picture(set_))
     scenes = read_scenes(set_)
@@ -416,7 +433,7 @@ def test_scenes_are_read_into_a_workshop_one_keyframe_of_each(made: Path, tmp_pa
     said = CliRunner().invoke(app, ["scenes", "read", str(made), "-w", str(folder)])
     assert said.output.splitlines() == [
         "3 keyframes of 3 scenes; with 21 tasks 63 combinations",
-        "9 further keyframes of these scenes are left out: --per-scene N takes N of each",
+        "left out of these scenes: 9 further keyframes; --per-scene N takes N of each",
     ]
     given = read_scenes(made).spread(1)
     with Workshop(folder) as workshop:
@@ -490,7 +507,7 @@ def test_reading_replaces_and_says_how_many_keyframes_are_gone(made: Path, tmp_p
     said = CliRunner().invoke(app, [*command, "--per-scene", "2"])
     assert said.exit_code == 0
     assert "6 keyframes of 3 scenes" in said.output
-    assert "3 keyframes that stood here are gone, or have other pictures" in said.output
+    assert "gone, or with other pictures: 3 keyframes that stood here" in said.output
     all_of_them = CliRunner().invoke(app, [*command, "--per-scene", "4"])
     assert "gone" not in all_of_them.output
     assert "left out" not in all_of_them.output
@@ -507,7 +524,7 @@ def test_decided_keyframes_do_not_go_without_a_word(what: str, set_: Path, tmp_p
     command = ["scenes", "read", str(source), "-w", str(shop)]
     said = CliRunner().invoke(app, command)
     assert said.exit_code == 2
-    assert "1 keyframes of which something was decided would go" in said.output
+    assert "1 keyframe of which something was decided would go" in said.output
     assert "and with them 21 accepted edits" in said.output
     assert "--replace" in said.output
     assert (shop / "scenes.jsonl").read_bytes() == before

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 from PIL import Image
 from tests.support.chat_endpoint import Reply, Seen
+from tests.support.made_pictures import png_that_says
 from tests.support.stand_in import StandIn, form_fields, picture, png, screen_answer
 from typer.testing import CliRunner, Result
 
@@ -331,6 +332,7 @@ def png_of(width: int, height: int) -> bytes:
     [
         (b"no picture at all", "no_picture"),
         (png_of(320, 180)[:-40], "no_picture"),
+        (png_that_says(14_000, 14_000), "no_picture"),
         (png_of(100, 100), "wrong_size"),
     ],
 )

@@ -3,6 +3,7 @@
 import hashlib
 import sqlite3
 import stat
+import subprocess
 from collections.abc import Callable
 from pathlib import Path
 
@@ -39,6 +40,19 @@ def word(candidate: str, by: Author, passed: bool, supersedes: int | None = None
 def test_a_new_workshop_lets_in_its_owner_alone(workshop: Workshop) -> None:
     """Its records and answers hold verified regions, and are written with the usual rights."""
     assert stat.S_IMODE(workshop.folder.stat().st_mode) == 0o700
+
+
+def test_a_new_workshop_is_left_out_of_the_repository_that_it_stands_in(tmp_path: Path) -> None:
+    subprocess.run(["git", "init", "-q", tmp_path], check=True)
+    new_workshop(tmp_path / "w27", "made-2027", KEY)
+    own = tmp_path / "mine" / ".gitignore"
+    own.parent.mkdir()
+    own.write_text("records.sqlite3\n")
+    new_workshop(own.parent, "made-2028", KEY)
+    assert own.read_text() == "records.sqlite3\n", "what was there stays"
+    status = ["git", "-C", str(tmp_path), "status", "--porcelain"]
+    told = subprocess.run(status, capture_output=True, text=True, check=True)
+    assert told.stdout == "?? mine/\n"
 
 
 def test_a_new_workshop_opens_with_words_for_every_task(workshop: Workshop) -> None:

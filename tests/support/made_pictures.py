@@ -15,5 +15,12 @@ def png(width_px: int, height_px: int, *texts: str) -> bytes:
     return b"\x89PNG\r\n\x1a\n" + body + _chunk(b"IEND", b"")
 
 
+def png_that_says(width_px: int, height_px: int) -> bytes:
+    """Return a picture of one pixel as a PNG file that says another size."""
+    one = png(1, 1)
+    header = one[12:16] + struct.pack(">II", width_px, height_px) + one[24:29]
+    return one[:12] + header + struct.pack(">I", zlib.crc32(header)) + one[33:]
+
+
 def _chunk(kind: bytes, data: bytes) -> bytes:
     return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))

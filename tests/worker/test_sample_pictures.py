@@ -3,7 +3,6 @@
 import contextlib
 import io
 import sqlite3
-import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -13,7 +12,7 @@ import pytest
 from PIL import Image
 from sqlalchemy import select
 from sqlalchemy.exc import IntegrityError
-from tests.support.made_pictures import png
+from tests.support.made_pictures import png, png_that_says
 
 from exceptiondrive_records.audit.tables import AuditLine
 from exceptiondrive_records.db.database import Database
@@ -219,10 +218,8 @@ def test_what_is_no_picture_of_a_sample_is_refused_by_its_name(
 
 
 def test_a_picture_that_would_unpack_to_too_much_is_refused_unread() -> None:
-    header = png(1, 1)[:16] + b"\0\0\x23\x28\0\0\x1f\x40" + png(1, 1)[24:]  # says 9000 x 8000
-    fitted = header[:29] + zlib.crc32(header[12:29]).to_bytes(4, "big") + header[33:]
     with pytest.raises(PictureUnreadableError, match="more than 40000000 pixels"):
-        small_jpeg(fitted, 1280)
+        small_jpeg(png_that_says(9000, 8000), 1280)
 
 
 def test_what_hides_behind_the_pixels_is_not_stored(shelf: Shelf) -> None:

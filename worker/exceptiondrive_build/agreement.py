@@ -7,6 +7,7 @@ on reliability; nominal data), as the package `krippendorff` computes it.
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from statistics import fmean
 from typing import Literal
 
 import krippendorff
@@ -29,7 +30,8 @@ class Outcome:
 
     Attributes:
         state: `open`: a blind reading is missing; `third`: two differ, and a third reader decides.
-        corners: The region, where it is verified.
+        corners: The region, where it is verified; the same list whoever read first, and wherever
+            theirs began.
     """
 
     state: State
@@ -69,7 +71,8 @@ def outcome(records: Sequence[Record], limits: VerifySection) -> Outcome:
             return Outcome("verified", between)
     for _, word in reversed(words[words.index(pair[-1]) :]):
         if not word.blind:
-            return Outcome("verified", word.corners) if word.accepted else Outcome("rejected")
+            corners = word.corners and in_order(word.corners)
+            return Outcome("verified", corners) if word.accepted else Outcome("rejected")
     return Outcome("third")
 
 
@@ -83,21 +86,21 @@ def middle(one: Corners | None, other: Corners | None, limits: VerifySection) ->
     """The region between two that agree, to the centimetre; None if they lie too far apart."""
     if one is None or other is None:
         return None
+    one, other = sorted((in_order(one), in_order(other)))
     if one == other:
         return one
-    a, b = np.array(one), aligned(np.array(one), np.array(other))
-    between: FloatArray = ((a + b) / 2).round(2) + 0.0
+    between: FloatArray = ((np.array(one) + aligned(one, other)) / 2).round(2) + 0.0
     agree = (
         iou(one, other) >= limits.min_iou
         and corner_distance_m(one, other) <= limits.max_corner_distance_m
         and bool(shapely.is_valid(shapely.polygons(between)))
     )
-    return tuple((float(x), float(y)) for x, y in between) if agree else None  # type: ignore[return-value]
+    return in_order(tuple((float(x), float(y)) for x, y in between)) if agree else None  # type: ignore[arg-type]
 
 
 def iou(one: Corners, other: Corners) -> float:
     """Intersection over union of two quadrilaterals; 0 where one of them crosses itself."""
-    a, b = shapely.Polygon(one), shapely.Polygon(other)
+    a, b = (shapely.Polygon(it) for it in sorted((in_order(one), in_order(other))))
     if not (a.is_valid and b.is_valid):
         return 0.0
     return float(a.intersection(b).area / a.union(b).area)
@@ -105,16 +108,27 @@ def iou(one: Corners, other: Corners) -> float:
 
 def corner_distance_m(one: Corners, other: Corners) -> float:
     """Greatest distance of corners that belong together, wherever each list begins."""
-    a = np.array(one)
-    return float(np.hypot(*(a - aligned(a, np.array(other))).T).max())
+    return float(np.hypot(*(np.array(one) - aligned(one, other)).T).max())
 
 
-def aligned(one: FloatArray, other: FloatArray) -> FloatArray:
+def aligned(one: Corners, other: Corners) -> FloatArray:
     """The corners of the other, (4, 2), begun and turned so that they lie nearest to those of one."""
-    orders = [
-        np.roll(turned, shift, axis=0) for turned in (other, other[::-1]) for shift in range(4)
-    ]
-    return min(orders, key=lambda corners: float(np.hypot(*(one - corners).T).max()))
+    return min(
+        map(np.array, _orders(other)),
+        key=lambda corners: float(np.hypot(*(np.array(one) - corners).T).max()),
+    )
+
+
+def in_order(corners: Corners) -> Corners:
+    """The same quadrilateral as every list of its corners gives it, wherever it begins and turns."""
+    return min(_orders(corners))
+
+
+def _orders(corners: Corners) -> list[Corners]:
+    """The lists of corners of the same quadrilateral."""
+    a, b, c, d = corners
+    ahead = [(a, b, c, d), (b, c, d, a), (c, d, a, b), (d, a, b, c)]
+    return [*ahead, *((z, y, x, w) for w, x, y, z in ahead)]
 
 
 def agreement(verifications: Mapping[str, Sequence[Record]], limits: VerifySection) -> Agreement:
@@ -141,7 +155,7 @@ def agreement(verifications: Mapping[str, Sequence[Record]], limits: VerifySecti
         both_accepted=len(accepted),
         same_word=same_word,
         beyond=len(pairs) - near - sum(not (a.accepted or b.accepted) for a, b in words),
-        iou_mean=float(np.mean(overlaps)) if overlaps else None,
+        iou_mean=fmean(overlaps) if overlaps else None,
         iou_median=float(np.median(overlaps)) if overlaps else None,
         corner_m_max=max((corner_distance_m(*corners) for corners in accepted), default=None),
         alpha=_alpha(pairs),

@@ -4,6 +4,7 @@ Change is 1 - structural similarity (Wang et al. 2004), as scikit-image has it: 
 window of 7 pixels, mean over channels and over the pixels of the area. Large pictures are halved.
 """
 
+import warnings
 from io import BytesIO
 
 import numpy as np
@@ -34,11 +35,15 @@ def read_picture(data: bytes) -> Image.Image:
         UnreadablePictureError: It is none, damaged, or larger than any camera's.
     """
     try:
-        image = Image.open(BytesIO(data))
+        with warnings.catch_warnings():  # how large it is, is asked below
+            warnings.simplefilter("ignore", Image.DecompressionBombWarning)
+            image = Image.open(BytesIO(data))
         if image.width * image.height > 50_000_000:
             raise UnreadablePictureError(f"{image.width} x {image.height} pixels are too many")
         image.load()
-    except (UnidentifiedImageError, OSError, SyntaxError, ValueError) as error:
+    except UnidentifiedImageError:
+        raise UnreadablePictureError("no picture of a known form") from None
+    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
         raise UnreadablePictureError(str(error)) from None
     return image
 

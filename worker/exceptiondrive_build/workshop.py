@@ -38,6 +38,8 @@ SCENES = "scenes.jsonl"
 RECORDS = "records.sqlite3"
 IMAGES = "images"
 ANSWERS = "answers"
+GIT_IGNORE, IGNORE_ALL = ".gitignore", "*\n"
+"""A folder with withheld regions keeps itself out of the repository that it may stand in."""
 _READ_AGAIN = "Read the scenes in again: exceptiondrive-build scenes read SOURCE --replace"
 _ADVICE = (
     "`exceptiondrive-build new FOLDER --name NAME` makes a workshop with all files that it needs; "
@@ -272,6 +274,8 @@ def new_workshop(folder: Path, name: str, id_key: str) -> None:
     template = files("exceptiondrive_build") / "template"
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        if not (folder / GIT_IGNORE).exists():
+            (folder / GIT_IGNORE).write_text(IGNORE_ALL)
         (folder / "prompts").mkdir(exist_ok=True)
         for path in ("prompts/screen.md", "prompts/edit.md", "prompts/review.md", "tasks.toml"):
             (folder / path).write_text((template / path).read_text("utf-8"), encoding="utf-8")

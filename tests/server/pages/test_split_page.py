@@ -41,6 +41,7 @@ async def test_the_page_says_how_the_split_was_made(lively_site: Site) -> None:
         "93.22 to 98.72 % (Wilson)",
         "2 more were drawn, and wait to be looked at.",
         "Licence of the pictures: CC BY-NC 4.0.",
+        "People are numbered anew in each revision.",
         "Krippendorff's alpha over accepted and rejected: 0.714.",
         "Two samples failed the audit, and three regions lay a metre too far.",
         "2: The hazard stands on the pavement.",

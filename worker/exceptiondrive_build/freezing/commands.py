@@ -1,7 +1,6 @@
 """Commands at the end of the way: lint, freeze, reopen, withdraw."""
 
 import json as json_module
-import shutil
 import tempfile
 from collections.abc import Iterable
 from dataclasses import asdict, replace
@@ -26,7 +25,7 @@ from exceptiondrive_build.freezing.freeze import (
 )
 from exceptiondrive_build.records import Author, Kind, Record, person_named
 from exceptiondrive_build.values import MAX_REASON_LENGTH, Withdrawn
-from exceptiondrive_build.workshop import SETTINGS, Workshop
+from exceptiondrive_build.workshop import GIT_IGNORE, IGNORE_ALL, SETTINGS, Workshop
 from exceptiondrive_schemas.datasheet import Datasheet
 from exceptiondrive_schemas.printable import printable
 from exceptiondrive_schemas.protocol import NEWEST, packaged_protocol
@@ -266,21 +265,21 @@ def _sheet_of(split: Split, path: Path) -> Datasheet | None:
 
 
 def _write(folder: Path, files: Iterable[tuple[str, bytes]]) -> None:
-    """Write all files or none: a folder that is there is whole, and holds these files alone."""
+    """Write all files or none: a folder that is there is whole, and holds these files alone; git leaves it out."""
     if folder.exists():
         raise BuildError(f"{folder} is there already.", "A frozen split is never written over.")
-    part = folder.with_name(f"{folder.name}.part")
     try:
-        if part.exists():
-            shutil.rmtree(part)
-        part.mkdir(mode=0o700, parents=True)
-        for name, data in files:
-            (part / name).parent.mkdir(mode=0o700, exist_ok=True)
-            (part / name).write_bytes(data)
-            if name.endswith(".gz") or name == "provenance.jsonl":
-                (part / name).chmod(0o600)
-        part.rename(folder)
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(
+            ".part", f"{folder.name}.", folder.parent, ignore_cleanup_errors=True
+        ) as made:
+            part = Path(made)
+            (part / GIT_IGNORE).write_text(IGNORE_ALL)
+            for name, data in files:
+                (part / name).parent.mkdir(mode=0o700, exist_ok=True)
+                (part / name).write_bytes(data)
+                if name.endswith(".gz") or name == "provenance.jsonl":
+                    (part / name).chmod(0o600)
+            part.rename(folder)
     except OSError as error:
         raise BuildError(f"{folder}: {error.strerror or error}.", "No record is lost.") from None
-    finally:
-        shutil.rmtree(part, ignore_errors=True)

@@ -134,8 +134,9 @@ def _sections(sheet: Datasheet) -> Iterable[_Section]:
     if sheet.deciders:
         yield _Section(
             "Who decided",
-            head=("stage", "by", "decisions", "prompt"),
-            rows=tuple(
+            ("People are numbered anew in each revision.",),
+            ("stage", "by", "decisions", "prompt"),
+            tuple(
                 (each.stage, each.by, f"{each.decisions:,}", each.prompt[:19])
                 for each in sheet.deciders
             ),

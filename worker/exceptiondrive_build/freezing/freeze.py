@@ -95,11 +95,12 @@ def freeze(
     if previous is not None and not words.strip():
         raise BuildError("A revision says in words what changed.", "Add --words.")
     _refuse_faults(split, workshop)
+    sheet = _datasheet(workshop, candidates, split, previous, words)
+    in_split = {it.sample_id for it in split.samples}
+    of_the_next = _regions(workshop, candidates).keys() - in_split - withdrawals(workshop).keys()
     return Frozen(
         split=split,
-        datasheet=_as_counted_before(
-            _datasheet(workshop, candidates, split, previous, words), sheet_before
-        ),
+        datasheet=_as_counted_before(sheet, sheet_before, some_verified=bool(of_the_next)),
         provenance=tuple(_provenance(workshop, candidates, split)),
         manifest=Manifest.of(split, workshop.protocol.geometry),
     )
@@ -381,9 +382,16 @@ def _datasheet(
     )
 
 
-def _as_counted_before(sheet: Datasheet, before: Datasheet | None) -> Datasheet:
-    """Leave out candidates of the next split: where some came since, the counts of before stand."""
-    if before is None or not before.stages or before.stages[:2] == sheet.stages[:2]:
+def _as_counted_before(
+    sheet: Datasheet, before: Datasheet | None, *, some_verified: bool
+) -> Datasheet:
+    """Leave out candidates of the next split: where some came since, the counts of before stand.
+
+    They came where others are suitable or edited than before, or some are verified already.
+    """
+    if before is None or not before.stages:
+        return sheet
+    if before.stages[:2] == sheet.stages[:2] and not some_verified:
         return sheet
     n_of = {cell.id: cell.n for cell in (*sheet.families, *sheet.tasks)}
 

@@ -203,7 +203,7 @@ class Desk:
         verification says how the card was shown.
 
         Raises:
-            BuildError: It cannot be kept, or the region cannot be scored.
+            BuildError: It cannot be kept, the region cannot be scored, or nothing of it was checked.
             TakenError: The card was given to somebody else meanwhile, its readings changed, or its
                 pictures are not those that this browser was shown.
         """
@@ -221,6 +221,8 @@ class Desk:
             faults = region_faults(value.corners, self.workshop.protocol) if value.accepted else ()
             if faults:
                 raise BuildError(f"This region cannot be scored: {'; '.join(faults)}.")
+            if value.accepted and not value.checked:
+                raise BuildError("Say what you checked: location, views, calibration, task.")
         own = self.own(queue, sample_id, holder.reviewer)
         told = value.model_dump(mode="json")
         if own is not None and own.value == told:

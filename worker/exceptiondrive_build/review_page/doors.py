@@ -10,29 +10,32 @@ class Doors:
     """Keys of one process; none outlives it, and none is written anywhere."""
 
     def __init__(self, announce: Callable[[str], None]) -> None:
-        """Make the first address; each new key is announced in the organizer's terminal."""
+        """Make the first key, which is announced in the organizer's terminal, as each that follows it."""
         self._announce = announce
         self._unused: set[str] = set()
         self._sessions: dict[str, Holder] = {}
-        self.new_key(tell=True)
+        self._announced = ""
+        self._announce_next()
 
-    def new_key(self, *, tell: bool = False) -> str:
+    def new_key(self) -> str:
         """Make a key that opens the page once."""
         key = secrets.token_urlsafe(24)
         self._unused.add(key)
-        if tell:
-            self._announce(key)
         return key
 
+    def _announce_next(self) -> None:
+        self._announced = self.new_key()
+        self._announce(self._announced)
+
     def open(self, key: str) -> str | None:
-        """Spend a key for a session; the terminal is told the next. None if it is spent."""
+        """Spend a key for a session, None if it is spent; for one that was announced follows the next."""
         if key not in self._unused:
             return None
         self._unused.remove(key)
         session = secrets.token_urlsafe(24)
         self._sessions[session] = Holder(secrets.token_hex(8), "")
-        if not self._unused:
-            self.new_key(tell=True)
+        if key == self._announced:
+            self._announce_next()
         return session
 
     def holder(self, session: str | None) -> Holder | None:

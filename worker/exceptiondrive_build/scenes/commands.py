@@ -10,6 +10,7 @@ from exceptiondrive_build.cli import WorkshopFolder
 from exceptiondrive_build.scenes.generated import make_scenes
 from exceptiondrive_build.scenes.read_in import read_in
 from exceptiondrive_build.workshop import Workshop
+from exceptiondrive_schemas.printable import counted
 
 
 def register(app: typer.Typer) -> None:
@@ -59,8 +60,8 @@ def read(
         n_tasks = len(shop.tasks)
     n_scenes = len({keyframe.scene_id for keyframe in keyframes})
     typer.echo(
-        f"{len(keyframes)} keyframes of {n_scenes} scenes; with {n_tasks} tasks "
-        f"{len(keyframes) * n_tasks} combinations"
+        f"{counted(len(keyframes), 'keyframe')} of {counted(n_scenes, 'scene')}; with "
+        f"{counted(n_tasks, 'task')} {counted(len(keyframes) * n_tasks, 'combination')}"
     )
     pictures = Counter(
         image for keyframe in keyframes for image in {camera.image for camera in keyframe.cameras}
@@ -73,7 +74,8 @@ def read(
         )
     if n_left_out:
         typer.echo(
-            f"{n_left_out} further keyframes of these scenes are left out: --per-scene N takes N of each"
+            f"left out of these scenes: {counted(n_left_out, 'further keyframe')}; --per-scene N takes N "
+            "of each"
         )
     if n_gone:
-        typer.echo(f"{n_gone} keyframes that stood here are gone, or have other pictures")
+        typer.echo(f"gone, or with other pictures: {counted(n_gone, 'keyframe')} that stood here")

@@ -15,6 +15,7 @@ from exceptiondrive_build.scenes.scene_set import SceneSet
 from exceptiondrive_build.workshop import SCENES, Workshop
 from exceptiondrive_schemas.base import faults_in
 from exceptiondrive_schemas.check.drives import drives_fault
+from exceptiondrive_schemas.printable import counted
 
 
 def read_in(
@@ -73,8 +74,8 @@ def _gone(folder: Path, kept: Sequence[Keyframe]) -> int:
     decided = {it.keyframe.keyframe_id for it in candidates if it.sample_id in with_decisions}
     if decided:
         raise BuildError(
-            f"{len(decided)} keyframes of which something was decided would go or get other "
-            f"pictures, and with them {sum(it.is_accepted for it in candidates)} accepted edits: "
+            f"{counted(len(decided), 'keyframe')} of which something was decided would go or get other "
+            f"pictures, and with them {counted(sum(it.is_accepted for it in candidates), 'accepted edit')}: "
             f"{', '.join(sorted(decided)[:10])}.",
             "Scenes that are read in replace those of the workshop. Name a source that holds these, "
             "too, and --per-scene as before; or say --replace: the decisions are kept, and count "

@@ -2,12 +2,10 @@
 
 from collections import defaultdict
 from dataclasses import dataclass
-from io import BytesIO
 from pathlib import Path
 
-from PIL import Image
-
 from exceptiondrive_build.errors import BuildError
+from exceptiondrive_build.measure import UnreadablePictureError, read_picture
 from exceptiondrive_build.scenes.keyframe import Camera, Keyframe
 from exceptiondrive_endpoints.images import ImageDataError, clean_image
 
@@ -51,16 +49,14 @@ class SceneSet:
         where = self.place(keyframe, camera)
         try:
             data = self.path(camera).read_bytes()
-            with Image.open(BytesIO(data)) as picture:
-                picture.load()
-                size = picture.size
+            size = read_picture(data).size
             extension = clean_image(data).extension
         except FileNotFoundError:
             raise BuildError(f"Missing picture: {where}.") from None
         except ImageDataError as error:
             advice = "Models and people are shown JPEG and PNG."
             raise BuildError(f"Picture of another form: {where}: {error}.", advice) from None
-        except (OSError, SyntaxError, Image.DecompressionBombError) as error:
+        except (OSError, UnreadablePictureError) as error:
             raise BuildError(f"Unreadable picture: {where}: {error}.") from None
         if size != (camera.width_px, camera.height_px):
             raise BuildError(
