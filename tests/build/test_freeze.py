@@ -634,6 +634,20 @@ def test_samples_whose_scenes_are_gone_are_named_with_their_cure(shop: Path) -> 
     assert "exceptiondrive-build scenes read SOURCE" in result.output
 
 
+def test_a_region_whose_list_begins_elsewhere_in_the_file_before_has_not_changed(
+    shop: Path,
+) -> None:
+    first = split_of(frozen(shop, "1"))
+    previous = shop / "frozen" / "1" / "split.json.gz"
+    turned = (
+        it.model_copy(update={"region": (*it.region[1:], it.region[0])}) for it in first.samples
+    )
+    before = first.model_copy(update={"samples": tuple(turned)})
+    previous.write_bytes(gzipped(before))
+    later = frozen(shop, "2", "--previous", previous, "--words", "Nothing.")
+    assert split_of(later) == before
+
+
 def test_what_was_accepted_since_waits_for_the_next_split(read: Path, tmp_path: Path) -> None:
     folder = Path(shutil.copytree(read, tmp_path / "shop"))
     with Workshop(folder) as workshop:

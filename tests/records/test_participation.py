@@ -2,6 +2,7 @@
 
 import re
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import nullcontext
 from dataclasses import replace
 from datetime import timedelta
 from functools import partial
@@ -67,6 +68,7 @@ from exceptiondrive_records.teams.teams import (
 )
 from exceptiondrive_records.work.tables import BoardRequest
 from exceptiondrive_schemas.api.phase_settings import PhaseChange
+from exceptiondrive_schemas.api.submission import SubmissionStatus
 
 WHO = "token:o"
 WHY: Any = {"reason": "two accounts of one lab", "actor": WHO}
@@ -255,6 +257,27 @@ def test_a_later_deadline_holds_for_one_team_and_for_what_came_before_it(world: 
     assert list(world.standing()) == [later], "what came in time stays in time"
     with pytest.raises(InvalidRecord, match="after that"), world.database.write() as session:
         set_allowance(session, "alpha", "dev", closes_at=earlier, **WHY)
+
+
+@pytest.mark.parametrize("is_asked", [False, True])
+def test_a_file_with_faults_keeps_no_later_deadline_from_being_taken_back(
+    world: World, *, is_asked: bool
+) -> None:
+    world.close()
+    with world.database.write() as session:
+        until = database_now(session) + timedelta(hours=1)
+        set_allowance(session, "alpha", "dev", closes_at=until, **WHY)
+    sent = world.submit("wrong").submission.id
+    with world.database.write() as session:
+        rejected = find_submission(session, sent)
+        rejected.status = SubmissionStatus.REJECTED
+        rejected.confirm_until = until if is_asked else None
+    refused = pytest.raises(Conflict, match="become late") if is_asked else nullcontext()
+    with refused, world.database.write() as session:
+        set_allowance(session, "alpha", "dev", closes_at=None, **WHY)
+    with world.database.read() as session:
+        said = list_notifications(session, world.team_id)[0].what_changed
+    assert ("Your deadline is as for all teams again." in said) != is_asked
 
 
 def test_nothing_tells_a_team_of_a_hidden_phase_to_which_it_sent_nothing(world: World) -> None:

@@ -215,6 +215,17 @@ def test_probes_that_a_team_spreads_over_bases_are_seen_together(crowd: World) -
         assert overview(session).probing[0].detail["teams"] == ["Alpha"]
 
 
+def test_two_teams_that_change_the_same_planners_a_few_times_are_not_listed(crowd: World) -> None:
+    """As two that begin with the same starters: neither team, and no planner, has five."""
+    for planner in range(3):
+        crowd.score(upload(planner), team="alpha", method=f"p{planner}")
+    for team, planners in (("alpha", range(3)), ("beta", range(2))):
+        for planner in planners:
+            data = upload(planner, changed={9 if team == "alpha" else 7: 0.5})
+            crowd.score(data, team=team, method=f"p{planner}, mended")
+    assert report(crowd).probing == ()
+
+
 def test_probes_of_several_teams_are_seen_together(crowd: World) -> None:
     for number in range(9):
         crowd.score(

@@ -114,17 +114,17 @@ def corner_distance_m(one: Corners, other: Corners) -> float:
 def aligned(one: Corners, other: Corners) -> FloatArray:
     """The corners of the other, (4, 2), begun and turned so that they lie nearest to those of one."""
     return min(
-        map(np.array, _orders(other)),
+        map(np.array, orders(other)),
         key=lambda corners: float(np.hypot(*(np.array(one) - corners).T).max()),
     )
 
 
 def in_order(corners: Corners) -> Corners:
     """The same quadrilateral as every list of its corners gives it, wherever it begins and turns."""
-    return min(_orders(corners))
+    return min(orders(corners))
 
 
-def _orders(corners: Corners) -> list[Corners]:
+def orders(corners: Corners) -> list[Corners]:
     """The lists of corners of the same quadrilateral."""
     a, b, c, d = corners
     ahead = [(a, b, c, d), (b, c, d, a), (c, d, a, b), (d, a, b, c)]

@@ -20,6 +20,7 @@ from exceptiondrive_records.phases.policy import own_deadline
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.teams import find_team
+from exceptiondrive_schemas.api.submission import SubmissionStatus
 
 _SAID = {
     "closes_at": "deadline is",
@@ -107,7 +108,7 @@ def set_allowance(
 
 
 def _require_in_time(session: Session, until: datetime | None, *own: ColumnElement[bool]) -> None:
-    """Refuse a deadline before what a team sent within the one that it has.
+    """Refuse a deadline before what a team sent within the one that it has, but for files with faults.
 
     Raises:
         Conflict: It would become late.
@@ -116,7 +117,9 @@ def _require_in_time(session: Session, until: datetime | None, *own: ColumnEleme
         return
     arrived_at = func.coalesce(Submission.arrived_at, Submission.received_at)
     is_lost = (arrived_at >= until, arrived_at < Submission.granted_until)
-    last = session.scalar(select(func.max(arrived_at)).where(*own, *is_lost))
+    is_asked = Submission.confirm_until.is_not(None)
+    may_count = (Submission.status != SubmissionStatus.REJECTED) | is_asked
+    last = session.scalar(select(func.max(arrived_at)).where(*own, *is_lost, may_count))
     if last is not None:
         raise Conflict(
             f"The team sent a file at {last:%Y-%m-%d %H:%M:%S} UTC: what was accepted in time would "

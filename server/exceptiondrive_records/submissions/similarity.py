@@ -179,7 +179,10 @@ def _kind(found: AlikeSubmission) -> AlikeKind:
 
 
 def _probing(known: dict[str, _Known]) -> tuple[Probing, ...]:
-    """Gather what is like one another but for a few samples, whichever teams sent it, and all such of one team."""
+    """Gather what is like one another but for a few samples, whichever teams sent it.
+
+    What one team sent of it is gathered, too, where that alone is enough for an alarm.
+    """
     first_of = {name: name for name in known}
 
     def root(name: str) -> str:
@@ -188,14 +191,17 @@ def _probing(known: dict[str, _Known]) -> tuple[Probing, ...]:
         return name
 
     asking: dict[str, int] = {}
-    first_by_team: dict[int, str] = {}
+    of_team: dict[int, list[str]] = {}
     for name, each in known.items():
         probed = [it for it in each.alike_ones if it.is_probe and it.submission_id in known]
         for it in probed:
             first_of[root(name)] = root(it.submission_id)
         if probed:
             asking[name] = min(it.n_changed for it in probed)
-            first_of[root(name)] = root(first_by_team.setdefault(each.team.id, name))
+            of_team.setdefault(each.team.id, []).append(name)
+    for probes in of_team.values():
+        for name in probes if len(probes) >= PROBES_BEFORE_ALARM else ():
+            first_of[root(name)] = root(probes[0])
     groups: dict[str, list[str]] = {}
     for name in known:
         groups.setdefault(root(name), []).append(name)

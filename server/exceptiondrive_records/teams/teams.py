@@ -113,9 +113,9 @@ def list_teams(session: Session) -> list[Team]:
 def refuse_team(session: Session, slug: str, *, reason: str, actor: str) -> None:
     """Refuse a team that waits for approval: its id and name are free again, its tokens gone.
 
-    Only audit lines stay: its own, and one of each member, who reads of it. Whatever table comes to hold something of a team is emptied of it
-    too, and of what hangs on that, since its foreign keys say so; but for the tables of which the
-    server may delete nothing, whose rows keep the team.
+    Only audit lines stay: its own, and one of each member, who reads of it. Whatever table comes to
+    hold something of a team is emptied of it too, and of what hangs on that, since its foreign keys
+    say so; but for the tables of which the server may delete nothing, whose rows keep the team.
 
     Raises:
         NotFound: There is no such team.

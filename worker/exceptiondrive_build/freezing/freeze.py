@@ -11,7 +11,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
-from exceptiondrive_build.agreement import agreement, outcome
+from exceptiondrive_build.agreement import agreement, orders, outcome
 from exceptiondrive_build.candidates import Candidate
 from exceptiondrive_build.errors import BuildError
 from exceptiondrive_build.freezing.croissant import croissant
@@ -247,6 +247,8 @@ def _sample(
     if earlier is None:
         return sample
     kept = {name: getattr(earlier, name) for name in ("part", "d_safe_m", "acceptable")}
+    if earlier.region in orders(region):
+        kept["region"] = earlier.region  # a list that begins elsewhere is no change
     if drive is None:
         kept["recorded"] = earlier.recorded
     return sample.model_copy(update=kept)
