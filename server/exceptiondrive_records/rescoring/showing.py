@@ -80,12 +80,13 @@ def reveal_board(session: Session, phase_id: str, *, reason: str, actor: str) ->
 def _tell_teams(session: Session, phase: Phase, title: str, sentence: str) -> None:
     """Tell the teams that submitted to a phase; of a hidden one nothing is told.
 
-    One whose own later deadline still holds is told that, too: after a reveal none does.
+    One whose own later deadline still holds is told that, too.
     """
     if phase.visibility == "hidden":
         return
+    has_ended = is_revealed(session, phase)
     for team in teams_that_read(session, phase.id):
-        own = None if is_revealed(session, phase) else allowance_of(session, team.id, phase.id)
+        own = None if has_ended else allowance_of(session, team.id, phase.id)
         until = own and own_deadline(phase, own.closes_at)
         words = f"Your team's own deadline is still {until:%Y-%m-%d %H:%M} UTC." if until else None
         sentences = tuple(filter(None, (sentence, words)))

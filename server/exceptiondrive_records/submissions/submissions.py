@@ -94,7 +94,7 @@ def require_counterpart(
 
 
 def _linked_otherwise(first: Submission) -> Conflict:
-    """Refuse the same bytes with another link: a record is never changed behind its team's back."""
+    """Say why the same bytes are refused with another link: a record is never changed behind its team's back."""
     link = "without a link" if first.linked_to is None else f"linked to {first.linked_to!r}"
     return Conflict(
         f"The same bytes were submitted before, as {first.id!r}, {link}: that submission stands, no "
