@@ -269,7 +269,6 @@ def test_the_same_bytes_under_another_name_change_nothing(api: "Api", as_problem
         "description": "Other.",
         "code_url": link,
         "facts": '{"type": "vla"}',
-        "linked_to": "x",
     }.items():
         as_problem(api.submit("a", method="Planer", **{field: text}), 409, "conflict")
     assert api.submit("a", method="Planer").status_code == 200

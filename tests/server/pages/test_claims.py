@@ -286,9 +286,17 @@ def check_the_average(page: Node, average: str) -> None:
 
 
 def span_words(span: tuple[float, float], board: Board) -> str:
-    """Where all of a board are of whole per cents, as of withheld splits, none claims decimals."""
+    """Where all of a board are of whole per cents, as of withheld splits, none claims decimals.
+
+    Those of entries count, and where an entry has none those of its families.
+    """
     shares = [metric.key for metric in challenge_of(board).metrics if metric.unit == "fraction"]
-    told = [span, *(entry.intervals.get(key) for entry in board.entries for key in shares)]
+    rows = [
+        row.intervals
+        for entry in board.entries
+        for row in ([entry] if any(entry.intervals.values()) else entry.families.values())
+    ]
+    told = [span, *(row.get(key) for row in rows for key in shares)]
     ends = [end for each in told if each for end in each]
     is_whole = all(abs(100 * end - round(100 * end)) <= 1e-6 for end in ends)
     return " to ".join(str(percent(end)).removesuffix(".00" if is_whole else "") for end in span)
