@@ -188,28 +188,30 @@ def bootstrap(
     primary = [m.key for m in metrics].index(ranking.order_of(challenge)[0].metric)
     is_share = np.array([m.unit == "fraction" and m.order_level is None for m in metrics])
 
-    def intervals(draws: Draws, n_scenes: OfAggregates, of: str) -> FloatArray:
-        n, free, fewest = (
-            getattr(each, of)
-            for each in (n_scenes, scenes_by_freedom(n_scenes), fewest_scenes(n_scenes))
-        )
-        found = percentile_intervals(getattr(draws, of), free, ranking.confidence)
+    def intervals(
+        values: FloatArray, n: FloatArray, free: FloatArray, fewest: FloatArray
+    ) -> FloatArray:
+        found = percentile_intervals(values, free, ranking.confidence)
         wilson = wilson_at_the_ends(found, n, ranking.confidence)
         return where_enough(np.where(is_share[:, None], wilson, found), fewest, ranking)
 
     for entry, draws in resample(entries, ranking, metrics):
         n = scene_counts(entry)
+        free, fewest = scenes_by_freedom(n), fewest_scenes(n)
+        of_primary = SceneSums(entry.sums[:, [primary]], entry.counts)
         yield Uncertainty(
-            micro=intervals(draws, n, "micro"),
-            macro_family=intervals(draws, n, "macro_family"),
-            families=intervals(draws, n, "families"),
+            micro=intervals(draws.micro, n.micro, free.micro, fewest.micro),
+            macro_family=intervals(
+                draws.macro_family, n.macro_family, free.macro_family, fewest.macro_family
+            ),
+            families=intervals(draws.families, n.families, free.families, fewest.families),
             primary_draws=draws.headline(headline)[primary].copy(),
             primary_cut=draws_cut_off(
                 ranking.bootstrap_draws,
                 ranking.confidence,
-                float(scenes_by_freedom(n).headline(headline)[primary]),
+                float(free.headline(headline)[primary]),
             ),
-            primary_scenes=scene_marks(entry).headline(headline)[primary].copy(),
+            primary_scenes=scene_marks(of_primary).headline(headline)[0].copy(),
         )
 
 
