@@ -101,17 +101,16 @@ class BoardEntry(Document):
         barred = self.flags and bars_leading(flag.code for flag in self.flags)
         return self.rank is not None and not barred
 
-
-def has_fine_intervals(entry: "BoardEntry", challenge: str) -> bool:
-    """Whether one of a share has an end that is no whole per cent; of families where it has none itself."""
-    rows = [entry] if any(entry.intervals.values()) else entry.families.values()
-    found = (
-        row.intervals.get(metric.key)
-        for row in rows
-        for metric in CHALLENGES[challenge].metrics
-        if metric.unit == "fraction"
-    )
-    return any(each is not None and not all(map(is_whole_percent, each)) for each in found)
+    def has_fine_intervals(self, challenge: str) -> bool:
+        """Whether one of a share has an end that is no whole per cent; of families where it has none itself."""
+        rows = [self] if any(self.intervals.values()) else self.families.values()
+        found = (
+            row.intervals.get(metric.key)
+            for row in rows
+            for metric in CHALLENGES[challenge].metrics
+            if metric.unit == "fraction"
+        )
+        return any(each is not None and not all(map(is_whole_percent, each)) for each in found)
 
 
 class BoardLeader(Document):
@@ -203,7 +202,7 @@ class Board(Document):
     @cached_property
     def has_fine_intervals(self) -> bool:
         """Whether an interval of a share is told finer than to whole per cents: of a withheld split none is."""
-        return any(has_fine_intervals(entry, self.challenge) for entry in self.entries)
+        return any(entry.has_fine_intervals(self.challenge) for entry in self.entries)
 
     @cached_property
     def leader(self) -> BoardEntry | None:

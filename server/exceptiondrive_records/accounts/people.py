@@ -137,10 +137,10 @@ def _fit(text: str | None, max_length: int) -> str | None:
 INVITATION_LIFETIME = timedelta(days=7)
 MAX_MEMBERS = 50
 MAX_OPEN_INVITATIONS = 20
-REGISTRATION_REFUSED = "registration refused"
-"""Of a team to which a person belonged, who is the subject."""
 MAX_INVITATIONS_A_DAY = 100
 """Each leaves a row and audit lines for ever, however soon it is withdrawn."""
+REGISTRATION_REFUSED = "registration refused"
+"""Of a team to which a person belonged, who is the subject."""
 _NO_INVITATION = secret_digest("no such invitation")
 _HELD_TEAM = (
     select(Team)

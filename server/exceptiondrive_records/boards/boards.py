@@ -84,42 +84,7 @@ def _kept_or_appended(
     digest = board.content_digest
     if row is not None and row.digest == digest:
         return row
-    query = select(func.max(BoardRow.number)).where(BoardRow.phase_id == request.phase_id)
-    number = (session.scalar(query) or 0) + 1
-    now = database_now(session)
-    numbered = board.model_copy(update={"board": number, "published_at": now})
-    body = b"".join(numbered.canonical_pieces())
-    row = BoardRow(
-        phase_id=request.phase_id,
-        protocol_digest=request.protocol_digest,
-        split_revision=board.split.revision,
-        number=number,
-        digest=digest,
-        body_digest=bytes_digest(body),
-        body=body.decode("utf-8"),
-        published_at=now,
-        view=view,
-        leader=_leader_of(board),
-    )
-    session.add(row)
-    session.flush()
-    entries = [
-        {"board_id": row.id, "submission_id": entry.submission_id, "rank": entry.rank}
-        for entry in board.entries
-        if entry.submission_id is not None
-    ]
-    if entries:
-        session.execute(insert(BoardEntryRow), entries)
-    detail = {
-        "number": number,
-        "digest": row.digest,
-        "protocol": request.protocol_digest,
-        "view": view,
-    }
-    published, built = BOARD_LINES
-    detail |= {"kept_back": kept_back} if kept_back else {}
-    audit(session, "worker", built if kept_back else published, request.phase_id, detail)
-    return row
+    return _append(session, request, board, digest, view, kept_back)
 
 
 def flip_board(
@@ -535,4 +500,50 @@ def find_board(session: Session, phase_id: str, number: int) -> BoardRow:
     row = session.scalars(query).first()
     if row is None:
         raise NotFound("board", f"{phase_id}/{number}")
+    return row
+
+
+def _append(
+    session: Session,
+    request: BoardRequest,
+    board: Board,
+    digest: str,
+    view: BoardView,
+    kept_back: str,
+) -> BoardRow:
+    query = select(func.max(BoardRow.number)).where(BoardRow.phase_id == request.phase_id)
+    number = (session.scalar(query) or 0) + 1
+    now = database_now(session)
+    numbered = board.model_copy(update={"board": number, "published_at": now})
+    body = b"".join(numbered.canonical_pieces())
+    row = BoardRow(
+        phase_id=request.phase_id,
+        protocol_digest=request.protocol_digest,
+        split_revision=board.split.revision,
+        number=number,
+        digest=digest,
+        body_digest=bytes_digest(body),
+        body=body.decode("utf-8"),
+        published_at=now,
+        view=view,
+        leader=_leader_of(board),
+    )
+    session.add(row)
+    session.flush()
+    entries = [
+        {"board_id": row.id, "submission_id": entry.submission_id, "rank": entry.rank}
+        for entry in board.entries
+        if entry.submission_id is not None
+    ]
+    if entries:
+        session.execute(insert(BoardEntryRow), entries)
+    detail = {
+        "number": number,
+        "digest": row.digest,
+        "protocol": request.protocol_digest,
+        "view": view,
+    }
+    published, built = BOARD_LINES
+    detail |= {"kept_back": kept_back} if kept_back else {}
+    audit(session, "worker", built if kept_back else published, request.phase_id, detail)
     return row

@@ -14,9 +14,9 @@ from exceptiondrive_server.boards.charts import labels_of
 from exceptiondrive_server.boards.entry_facts import (
     challenge_of,
     entry_key,
-    few_scenes,
     flags_of,
     is_barred,
+    why_no_intervals,
 )
 from exceptiondrive_server.boards.table import short_title
 from exceptiondrive_server.web.numbers import Digits, listed, percent, unit_of
@@ -137,7 +137,7 @@ class Comparison:
         """What the comparison sample by sample says."""
         label = self.first.label
         if found.interval is None:
-            return f"Sample by sample, {label} gives no interval here. {few_scenes(self.board)}".rstrip()
+            return f"Sample by sample, {label} gives no interval here. {why_no_intervals(self.board)}".rstrip()
         is_open = "this split does not settle which is better"
         settled = self.settled(self.first, found) if is_sure(found) else is_open
         return (

@@ -76,7 +76,7 @@ def board_name(board: Board) -> str:
 
 
 @template_filter
-def few_scenes(board: Board) -> str:
+def why_no_intervals(board: Board) -> str:
     """Say why a board has no intervals, and which families have too few scenes; nothing where it has some."""
     if not board.min_scenes:
         return ""

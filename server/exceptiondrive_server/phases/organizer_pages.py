@@ -161,12 +161,11 @@ HERE = "/organize/phases"
 StepKey = Annotated[str, Path(max_length=20)]
 HISTORY = 50
 SETTINGS = fields_of(PhaseSettings)
-PARTS = {
+TITLES_OF_PARTS = {
     None: "Dates and limits",
     "page": "The page of the phase",
     "policy": "What is shown, when, to whom",
 }
-"""Of the settings, by the title under which a form has them."""
 
 
 @template_filter
@@ -408,7 +407,7 @@ def _page(
     settings = _of_new() if values["phase"] is None else SETTINGS
     parts = [
         (title, filled([field for field in settings if field.part == part], texts, kept))
-        for part, title in PARTS.items()
+        for part, title in TITLES_OF_PARTS.items()
     ]
     return organizer_page(
         browser,

@@ -11,7 +11,7 @@ from exceptiondrive_records.phases.policy import can_publish
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_schemas.api.submission import SubmissionView
-from exceptiondrive_schemas.board import FamilyCell, has_fine_intervals
+from exceptiondrive_schemas.board import FamilyCell
 from exceptiondrive_schemas.challenges import CHALLENGES, Challenge
 from exceptiondrive_schemas.protocol import Average, ProtocolDocument
 from exceptiondrive_server.boards.query import AVERAGE_TITLES, OTHER_AVERAGE
@@ -44,7 +44,7 @@ def score_tables(session: Session, seen: SubmissionView) -> ScoreTables:
         challenge=CHALLENGES[seen.challenge],
         digits=Digits.of(
             protocol.publication,
-            has_fine_intervals=entry is not None and has_fine_intervals(entry, seen.challenge),
+            has_fine_intervals=entry is not None and entry.has_fine_intervals(seen.challenge),
         ),
         families=entry.families if entry else {},
         other_average=OTHER_AVERAGE[headline],

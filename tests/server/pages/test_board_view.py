@@ -9,7 +9,7 @@ from tests.server.pages.invented_board import BLIND, KEYS, STILL
 from exceptiondrive_schemas.board import Board, FamilyCell
 from exceptiondrive_schemas.challenges import PLANNING, STRATEGY, Challenge
 from exceptiondrive_schemas.protocol import ProtocolDocument
-from exceptiondrive_server.boards.entry_facts import few_scenes
+from exceptiondrive_server.boards.entry_facts import why_no_intervals
 from exceptiondrive_server.boards.families import Hardness, families_of
 from exceptiondrive_server.boards.queries import without_reported
 from exceptiondrive_server.boards.query import BY_RANK, BoardQuery
@@ -138,7 +138,7 @@ def test_a_board_without_intervals_names_the_family_of_too_few_scenes(
     first, *others = lively_board.families
     heads = (first.model_copy(update={"n_scenes": n_scenes}), *others)
     told = {"headline": headline, "min_scenes": 10, "families": heads}
-    said = few_scenes(lively_board.model_copy(update=told))
+    said = why_no_intervals(lively_board.model_copy(update=told))
     few = "This split has too few scenes to say how sure a number is"
     assert said == f"{few}: intervals take {takes}."
 

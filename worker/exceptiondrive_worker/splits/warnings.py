@@ -21,13 +21,7 @@ from exceptiondrive_worker.splits.floors import SplitFloors
 ADVISED = SplitFloors().min_samples_per_cell
 _PARTS: tuple[SplitPart, ...] = ("public", "private")
 _OF_A_BOARD = frozenset(
-    {
-        "few_scenes",
-        "one_task",
-        "few_scenes_of_a_family",
-        "small_cells",
-        "standing_still_suffices",
-    }
+    {"few_scenes", "one_task", "few_scenes_of_a_family", "small_cells", "standing_still_suffices"}
 )
 """Doubts about all that a board counts, which may be a part; the others are about single samples."""
 
