@@ -15,6 +15,7 @@ from typer.testing import CliRunner
 
 from exceptiondrive import Client, to_dataframe
 from exceptiondrive.cli import app
+from exceptiondrive.cli.organizer import rescoring
 from exceptiondrive_records.audit.log import SPLIT_FLOOR_HELD, audit
 from exceptiondrive_schemas.api.similarity import SimilarityReport
 from exceptiondrive_schemas.protocol import packaged_protocol_toml
@@ -461,6 +462,20 @@ def test_where_the_server_dies_after_the_draft_what_will_work_is_named(
     assert (done.exit_code, "The run R is drafted." in said) == (5, True), said
     assert "organizer rescore begin R" in said
     assert "the command again" not in said
+
+
+def test_what_is_to_be_typed_after_a_split_that_nobody_tried_can_be_typed(
+    canned_server: "CannedServer", monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(rescoring, "_MAX_LOOKS", 1)
+    waiting = {"id": "R", "trial": {"state": "waiting"}}
+    canned_server.answer("POST /organizer/rescoring", 200, waiting)
+    canned_server.answer("GET /organizer/rescoring/R", 200, waiting)
+    to = {"EXCEPTIONDRIVE_SERVER": canned_server.url, "EXCEPTIONDRIVE_TOKEN": "edk_x"}
+    words = ("organizer", "rescore", "start", "--phase", "dev", "--protocol", "1.1")
+    done = CliRunner().invoke(app, [*words, "--reason", "why"], env=to)
+    said = " ".join(done.stderr.split())
+    assert 'organizer rescore begin R --reason "…"' in said
 
 
 def test_a_preview_and_an_apply_say_whose_deadline_a_reveal_ends(

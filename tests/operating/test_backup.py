@@ -312,6 +312,21 @@ def test_a_backup_without_uploads_that_ends_between_two_tables_restores_nothing(
         restore_backup(whole, f"sqlite:///{sqlite_path}", files)
 
 
+def test_a_backup_of_other_columns_is_refused_before_a_file_is_put_anywhere(
+    lived: Lived, sqlite_path: Path
+) -> None:
+    path = sqlite_path.parent / "backup.tar"
+    write_backup(lived.database, lived.files, path)
+    path.write_bytes(path.read_bytes().replace(b'"confirm_until"', b'"confirm_untie"', 1))
+    files = FileStore((sqlite_path.parent / "restored").as_uri())
+    with pytest.raises(
+        BackupError, match="other columns of submissions than this version: restore"
+    ):
+        restore_backup(path, f"sqlite:///{sqlite_path}", files)
+    assert files.is_empty()
+    assert not sqlite_path.exists()
+
+
 def test_a_changed_row_in_the_backup_is_found(lived: Lived, sqlite_path: Path) -> None:
     """Somebody edits the audit log inside the file."""
     path = sqlite_path.parent / "backup.tar"

@@ -9,13 +9,15 @@ from alembic.autogenerate import compare_metadata
 from alembic.config import Config
 from alembic.runtime.migration import MigrationContext
 from alembic.script import ScriptDirectory
-from sqlalchemy import inspect
+from sqlalchemy import inspect, text
 from tests.later_release import become_later_release
 
 from exceptiondrive_records.db.base import Base
 from exceptiondrive_records.db.database import Database
+from exceptiondrive_records.db.settings import SettingsError
 from exceptiondrive_records.migrations import (
     FOLDER,
+    MADE_EARLIER_CURE,
     is_current,
     is_usable,
     migrate,
@@ -42,6 +44,22 @@ def test_the_file_of_a_migration_begins_with_its_revision() -> None:
     assert newest_revision() == scripts.get_current_head()
     for script in scripts.walk_revisions():
         assert Path(script.path).name.startswith(f"{script.revision}_")
+
+
+def test_records_of_the_same_revision_that_lack_columns_are_no_records_that_are_up_to_date(
+    database_url: str,
+) -> None:
+    """Before the first release the one migration changes in place."""
+    database = Database(database_url)
+    with database.write() as session:
+        session.execute(text("ALTER TABLE submissions DROP COLUMN confirm_until"))
+        session.execute(text("DROP TABLE split_openings"))
+    database.dispose()
+    with pytest.raises(SettingsError) as refused:
+        migrate(database_url)
+    said = str(refused.value)
+    assert said.startswith("the records lack split_openings, submissions.confirm_until: ")
+    assert MADE_EARLIER_CURE in said
 
 
 def test_migrating_twice_does_nothing(database_url: str) -> None:

@@ -8,7 +8,9 @@ from sqlalchemy.orm import Session
 
 from exceptiondrive_records.db.base import Base
 from exceptiondrive_records.db.database import Database
+from exceptiondrive_records.db.settings import SettingsError
 
+MADE_EARLIER_CURE = "take a new database, or go on with the version that made these records"
 FOLDER = Path(__file__).parent
 _LOCK = 0x45447363  # any constant: one migration at a time on PostgreSQL
 
@@ -18,23 +20,32 @@ def migrate(url: str) -> None:
 
     A schema newer than this code knows is left as it is: migrations only add, so that this code
     runs on it, as it must between an upgrade and its taking back.
+
+    Raises:
+        SettingsError: The records were made by an unreleased state of this schema, before it had all its columns.
     """
     database = Database(url)
     try:
-        with database.write() as session:
-            if session.get_bind().dialect.name == "postgresql":
-                session.execute(text("SELECT pg_advisory_xact_lock(:key)"), {"key": _LOCK})
-            if _is_usable(session):
-                return
-            from alembic import command
-            from alembic.config import Config
-
-            config = Config(attributes={"connection": session.connection()})
-            config.set_main_option("script_location", str(FOLDER).replace("%", "%%"))
-            config.set_main_option("path_separator", "os")
-            command.upgrade(config, "head")
+        _upgrade(database)
+        if lacks := lacking(database):
+            raise SettingsError(f"{lacks}. Nothing can be migrated: {MADE_EARLIER_CURE}.")
     finally:
         database.dispose()
+
+
+def _upgrade(database: Database) -> None:
+    with database.write() as session:
+        if session.get_bind().dialect.name == "postgresql":
+            session.execute(text("SELECT pg_advisory_xact_lock(:key)"), {"key": _LOCK})
+        if _is_usable(session):
+            return
+        from alembic import command
+        from alembic.config import Config
+
+        config = Config(attributes={"connection": session.connection()})
+        config.set_main_option("script_location", str(FOLDER).replace("%", "%%"))
+        config.set_main_option("path_separator", "os")
+        command.upgrade(config, "head")
 
 
 def newest_revision() -> str:
@@ -54,18 +65,21 @@ def is_usable(database: Database) -> bool:
         return _is_usable(session)
 
 
-def missing_columns(database: Database) -> list[str]:
-    """Return the tables and columns that this code needs and the database lacks, as `table.column`."""
+def lacking(database: Database) -> str:
+    """Say which tables and columns this code needs and the database lacks; empty: none."""
     found = inspect(database.engine)
     known = {
         name: {it["name"] for it in found.get_columns(name)} for name in found.get_table_names()
     }
-    return sorted(
+    missing = {
         f"{table.name}.{column.name}" if table.name in known else table.name
         for table in Base.metadata.tables.values()
         for column in table.columns
         if column.name not in known.get(table.name, ())
-    )
+    }
+    if not missing:
+        return ""
+    return f"the records lack {', '.join(sorted(missing))}: they were made before this version had them"
 
 
 def _is_usable(session: Session) -> bool:

@@ -171,6 +171,17 @@ def _read_head(archive: tarfile.TarFile) -> BackupHead:
             f"the backup has schema {head.schema_revision}, this version has {newest_revision()}: "
             "restore it with the version that wrote it, then upgrade"
         )
+    here = {table.name: column_names(table) for table in dumped_tables()}
+    others = sorted(
+        name
+        for name in here.keys() | head.columns.keys()
+        if here.get(name) != head.columns.get(name)
+    )
+    if others:
+        raise BackupError(
+            f"the backup has other columns of {', '.join(others)} than this version: "
+            "restore it with the version that wrote it"
+        )
     return head
 
 
@@ -199,8 +210,6 @@ def _require_empty(session: Session) -> None:
 def _restore_rows(archive: tarfile.TarFile, session: Session, head: BackupHead) -> None:
     _require_empty(session)
     for table in dumped_tables():
-        if head.columns.get(table.name) != column_names(table):
-            raise BackupError(f"table {table.name} has other columns in the backup")
         stream = archive.extractfile(f"records/{table.name}.jsonl")
         assert stream is not None
         load_rows(session, table, io.TextIOWrapper(stream, encoding="utf-8"))

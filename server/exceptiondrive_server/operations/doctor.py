@@ -28,7 +28,7 @@ from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.database import Database, sentence_of
 from exceptiondrive_records.db.errors import StoreError
 from exceptiondrive_records.db.settings import RecordsSettings
-from exceptiondrive_records.migrations import is_current, is_usable, missing_columns
+from exceptiondrive_records.migrations import MADE_EARLIER_CURE, is_current, is_usable, lacking
 from exceptiondrive_records.operations.overview import lane_queue
 from exceptiondrive_records.operations.troubles import troubles
 from exceptiondrive_records.phases.tables import Phase
@@ -118,13 +118,8 @@ def _database(settings: RecordsSettings, data: Path | None) -> Iterator[Finding]
                 "back up, then run: exceptiondrive-server migrate",
             )
             return
-        lacking = missing_columns(database)
-        if lacking:
-            yield _error(
-                f"the records lack {', '.join(lacking)}: they were made before this version had them",
-                "start with a new data folder, or with the version that made these records; waiting "
-                "mends nothing",
-            )
+        if lacks := lacking(database):
+            yield _error(lacks, f"{MADE_EARLIER_CURE}; waiting mends nothing")
             return
         schema = "current" if is_current(database) else "newer than this version, which is fine"
         yield _ok(f"the records answer ({url.get_backend_name()}), schema {schema}")

@@ -230,7 +230,8 @@ def _tried(rescoring: Rescoring, run: Record) -> Record:
     raise InvalidArgumentError(
         "not_tried",
         f"No worker has tried the split of run {run['id']} within {_MAX_LOOKS} s: it stays a draft.",
-        f"Look whether a worker serves the lane rescore; then: organizer rescore begin {run['id']}.",
+        "Look whether a worker serves the lane rescore; then: "
+        f'organizer rescore begin {run["id"]} --reason "…"',
     )
 
 
