@@ -752,12 +752,14 @@ class Client(Connection):
         """Return the signed receipt of a scored submission, or of anybody's entry on a board."""
         from exceptiondrive_schemas.receipt import Receipt
 
+        of_entry = f"/entries/{quoted(self.id_of(submission_id))}/receipt"
         try:
             return self._get(Receipt, f"{self._path_of(submission_id)}/receipt")
-        except (NotFoundError, NotSignedInError):
+        except NotSignedInError:
+            return self._get(Receipt, of_entry)
+        except NotFoundError:
             with suppress(NotFoundError):
-                entry = quoted(self.id_of(submission_id))
-                return self._get(Receipt, f"/entries/{entry}/receipt")
+                return self._get(Receipt, of_entry)
             raise
 
     def receipt_keys(self) -> "ReceiptKeys":
