@@ -5,14 +5,19 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from datetime import datetime
 from io import StringIO
-from urllib.parse import quote
+from urllib.parse import quote, urlencode
 from xml.etree import ElementTree as Xml
 
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.method_facts import NO_FACTS, EntryFacts, FactsOfBoard
 from exceptiondrive_schemas.printable import one_line, spreadsheet_text
 from exceptiondrive_schemas.protocol import ProtocolDocument
-from exceptiondrive_server.boards.entry_facts import challenge_of
+from exceptiondrive_server.boards.entry_facts import (
+    board_fields,
+    board_name,
+    challenge_of,
+    too_few_answers,
+)
 from exceptiondrive_server.boards.query import AVERAGE_TITLES, SOURCES
 from exceptiondrive_server.web.numbers import Digits, day, iso, unit_of
 from exceptiondrive_server.web.templating import https_only, template_filter
@@ -58,8 +63,8 @@ class Export:
 
 
 def permalink(board: Board, site_url: str) -> str:
-    """Return the permanent address of a board."""
-    return f"{site_url}/?phase={board.phase}&board={board.board}"
+    """Return the permanent address of a board; of a late view, which has none, that of the present one."""
+    return f"{site_url}/?{urlencode(board_fields(board))}"
 
 
 def tex_escape(text: str) -> str:
@@ -89,7 +94,7 @@ def latex(
     lines = [
         f"% {permalink(board, site_url)}",
         (
-            f"% board {board.board} of {day(board.published_at)}, split {board.split.name} "
+            f"% {board_name(board).lower()} of {day(board.published_at)}, split {board.split.name} "
             f"({board.n_samples} samples), protocol {board.protocol.version} "
             f"{board.protocol.digest}"
         ),
@@ -108,6 +113,8 @@ def latex(
             name = rf"\textbf{{{name}}}" if entry is leader else name
             marks = [flag.label for flag in entry.flags]
             marks = marks if entry.source == "scored" else [entry.source, *marks]
+            marks += ["late"] if entry.is_late else []
+            marks += too_few_answers(entry, protocol.ranking, digits)
             name += f" ({tex_escape(', '.join(marks))})" if marks else ""
             told = [tex_escape(types.get(entry.submission_id or "", "--"))] if types else []
             lines.append(" & ".join([str(entry.rank or "--"), name, *told, *cells]) + r" \\")
@@ -132,7 +139,7 @@ def bibtex(
         "}\n\n"
         f"@misc{{exceptiondrive-{board.phase}-board-{board.board},\n"
         f"  title        = {{{{ExceptionDrive leaderboard, phase {board.phase}, "
-        f"board {board.board}}}}},\n"
+        f"{board_name(board).lower()}}}}},\n"
         f"  year         = {{{at.year}}},\n"
         f"  month        = {_MONTHS[at.month - 1]},\n"
         f"  howpublished = {{\\url{{{permalink(board, site_url)}}}}},\n"
@@ -155,7 +162,7 @@ def entry_bibtex(board: Board, entry: BoardEntry, site_url: str) -> str:
         f"  author = {{{{{tex_escape(entry.team or 'Anonymous')}}}}},\n"
         f"  year   = {{{at.year}}},\n"
         f"  url    = {{{quote(own, safe=_OF_ADDRESSES)}}},\n"
-        f"  note   = {{ExceptionDrive leaderboard, phase {board.phase}, board {board.board}, protocol "
+        f"  note   = {{ExceptionDrive leaderboard, phase {board.phase}, {board_name(board).lower()}, protocol "
         f"{board.protocol.version}: \\url{{{permalink(board, site_url)}}}}},\n"
         "}\n"
     )
@@ -200,7 +207,7 @@ def _columns(board: Board) -> list[str]:
         *(*challenge.metric_keys, *of_controls),
         *(f"{m.key}_{end}" for m in challenge.interval_metrics for end in ("low", "high")),
         *(f"{challenge.metrics[0].key}.{family.id}" for family in board.families),
-        *("flags", "leads", "unranked_because", "average", "board_url"),
+        *("flags", "is_late", "leads", "unranked_because", "average", "board_url"),
         *_told(NOTHING_TOLD),
     ]
 
@@ -241,6 +248,7 @@ def _line(board: Board, entry: BoardEntry, address: str) -> dict[str, object]:
         **{f"{key}_high": ends[1] for key, ends in intervals.items()},
         **{f"{first}.{id}": cell.metrics.get(first) for id, cell in entry.families.items()},
         "flags": " ".join(flag.code for flag in entry.flags),
+        "is_late": entry.is_late,
         "leads": entry is board.leader,
         "unranked_because": entry.unranked_because,
         "average": board.headline,
