@@ -223,7 +223,9 @@ async def test_an_entry_that_left_is_compared_on_the_board_that_shows_it(
     assert found
     for address in found:
         assert (await lively_site.get(html.unescape(address))).status_code == 200
-    assert "/api/v1/entries/" not in text  # it stands on no board now: nothing is given out
+    given = re.findall(r"/api/v1/entries/[^\"]*", text)
+    assert given  # it stands on no board now: only what that one told is given out
+    assert all(address.endswith("?board=1") for address in given)
 
 
 def test_a_range_of_one_rank_says_on_what_it_rests(lively_board: Board) -> None:
