@@ -154,7 +154,7 @@ def bibtex(
 def entry_bibtex(board: Board, entry: BoardEntry, site_url: str) -> str:
     """Write a citation of an entry: by its paper, else its code, if its team links to one, and by this board."""
     at = entry.submitted_at or board.published_at
-    here = f"{site_url}/entries/{entry.submission_id}"
+    here = f"{site_url}/entries/{entry.submission_id}?{urlencode(board_fields(board))}"
     own = https_only(entry.links.paper) or https_only(entry.links.code) or here
     return (
         f"@misc{{exceptiondrive-{entry.submission_id},\n"

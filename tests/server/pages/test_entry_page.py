@@ -301,7 +301,7 @@ def test_a_citation_cannot_be_left_by_what_a_team_writes(lively_board: Board) ->
     assert "\\input" not in cited
     assert "https://x.test/a%7D%5Cinput%7B/etc/passwd%7D%20b" in cited
     unlinked = entry.model_copy(update={"links": Links()})
-    own = f"https://site.test/entries/{entry.submission_id}"
+    own = f"url    = {{https://site.test/entries/{entry.submission_id}?phase=sample&board=7}}"
     assert own in entry_bibtex(lively_board, unlinked, "https://site.test")
 
 
