@@ -22,14 +22,13 @@ from exceptiondrive_server.boards.query import AVERAGE_TITLES, SOURCES
 from exceptiondrive_server.web.numbers import Digits, day, iso, unit_of
 from exceptiondrive_server.web.templating import https_only, template_filter
 
-PAPER_TITLE = (
-    "ExceptionDrive: A Planning-Oriented Counterfactual Corner-Case Benchmark "
-    "for Autonomous Driving"
-)
-PAPER_AUTHORS = (
-    "Luo, Ziyi and Sun, Zhe and Lu, Yehao and Zhou, Lei and Wu, Lisheng and Li, Xuewei and "
-    "Qin, Zequn and Li, Xi"
-)
+PAPER = """\
+@misc{exceptiondrive,
+  title  = {{ExceptionDrive: A Planning-Oriented Counterfactual Corner-Case Benchmark for Autonomous Driving}},
+  author = {Luo, Ziyi and Sun, Zhe and Lu, Yehao and Zhou, Lei and Wu, Lisheng and Li, Xuewei and Qin, Zequn and Li, Xi},
+  url    = {SITE/},
+}
+"""
 ATOM = "http://www.w3.org/2005/Atom"
 NOTHING_TOLD = EntryFacts()
 _OF_ADDRESSES = ":/?#[]@!$&'()*+,;=%-._~"
@@ -56,10 +55,10 @@ _TEX = str.maketrans(
 
 @dataclass(frozen=True)
 class Export:
-    """A kind of file: its media type and its writer (board, protocol, site's address, facts)."""
+    """A kind of file: its media type and its writer (board, protocol, site's address, facts, citation of the benchmark)."""
 
     media_type: str
-    write: Callable[[Board, ProtocolDocument, str, FactsOfBoard], str]
+    write: Callable[[Board, ProtocolDocument, str, FactsOfBoard, str], str]
 
 
 def permalink(board: Board, site_url: str) -> str:
@@ -79,7 +78,11 @@ def in_blocks(board: Board) -> list[list[BoardEntry]]:
 
 
 def latex(
-    board: Board, protocol: ProtocolDocument, site_url: str, facts: FactsOfBoard = NO_FACTS
+    board: Board,
+    protocol: ProtocolDocument,
+    site_url: str,
+    facts: FactsOfBoard = NO_FACTS,
+    citation: str = "",
 ) -> str:
     """Write a booktabs table: scored and reference rows apart, the leader bold, flags named."""
     challenge, digits = challenge_of(board), Digits.of(protocol.publication)
@@ -127,16 +130,16 @@ def _tex_label(label: str) -> str:
 
 
 def bibtex(
-    board: Board, protocol: ProtocolDocument, site_url: str, facts: FactsOfBoard = NO_FACTS
+    board: Board,
+    protocol: ProtocolDocument,
+    site_url: str,
+    facts: FactsOfBoard = NO_FACTS,
+    citation: str = "",
 ) -> str:
-    """Write a citation of the paper and one of this very board."""
+    """Write a citation of the benchmark, as organizers set it or of its paper, and one of this very board."""
     at = board.published_at
     return (
-        "@misc{exceptiondrive,\n"
-        f"  title  = {{{{{PAPER_TITLE}}}}},\n"
-        f"  author = {{{PAPER_AUTHORS}}},\n"
-        f"  url    = {{{site_url}/}},\n"
-        "}\n\n"
+        f"{(citation or PAPER.replace('SITE', site_url)).strip()}\n\n"
         f"@misc{{exceptiondrive-{board.phase}-board-{board.board},\n"
         f"  title        = {{{{ExceptionDrive leaderboard, phase {board.phase}, "
         f"{board_name(board).lower()}}}}},\n"
@@ -169,7 +172,11 @@ def entry_bibtex(board: Board, entry: BoardEntry, site_url: str) -> str:
 
 
 def comma_separated(
-    board: Board, protocol: ProtocolDocument, site_url: str, facts: FactsOfBoard = NO_FACTS
+    board: Board,
+    protocol: ProtocolDocument,
+    site_url: str,
+    facts: FactsOfBoard = NO_FACTS,
+    citation: str = "",
 ) -> str:
     """Write one line per entry: fractions and metres as published, intervals, families, flags.
 

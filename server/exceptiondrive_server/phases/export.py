@@ -19,6 +19,7 @@ from exceptiondrive_records.boards.boards import (
 from exceptiondrive_records.boards.tables import BoardRow
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import NotFound
+from exceptiondrive_records.operations.site import site_links
 from exceptiondrive_records.phases.phases import find_phase
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol, find_protocol_row
@@ -69,6 +70,7 @@ def _members(session: Session, phase: Phase, row: BoardRow, site_url: str) -> Me
     board = without_reported(parsed_board(row))
     facts = facts_on(session, board)
     sheets = _sheets(session, phase, board)
+    citation = site_links(session).citation
     yield "README.md", _readme(phase, board, len(sheets)).encode()
     if has_ended(session, phase):
         yield "report.json", canonical_json(report_of(session, phase))
@@ -81,7 +83,7 @@ def _members(session: Session, phase: Phase, row: BoardRow, site_url: str) -> Me
         document = without_reported(parsed_board(each))
         protocol = find_protocol(session, each.protocol_digest)
         for form, export in EXPORTS.items():
-            text = export.write(document, protocol, site_url, facts_on(session, document))
+            text = export.write(document, protocol, site_url, facts_on(session, document), citation)
             yield f"{name}.{form}", text.encode()
     yield from _tables(board, sheets)
     yield "facts.json", _canonical(facts)
