@@ -201,6 +201,7 @@ def _columns(board: Board) -> list[str]:
     ]
     return [
         *(
+            "phase",
             "board",
             "published_at",
             "protocol",
@@ -234,6 +235,7 @@ def _line(board: Board, entry: BoardEntry, address: str) -> dict[str, object]:
     low, high = entry.rank_interval or (None, None)
     intervals = {key: ends or (None, None) for key, ends in entry.intervals.items()}
     return {
+        "phase": board.phase,
         "board": board.board,
         "published_at": iso(board.published_at),
         "protocol": board.protocol.version,

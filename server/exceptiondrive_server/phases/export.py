@@ -130,6 +130,10 @@ def _tables(board: Board, sheets: dict[str, ScoreSheet]) -> Members:
     by_id = {entry.submission_id: entry for entry in board.entries}
     lines = [
         {
+            "phase": board.phase,
+            "board": board.board,
+            "protocol": board.protocol.version,
+            "split_revision": board.split.revision,
             "submission_id": key,
             "method": spreadsheet_text(by_id[key].method),
             "team": spreadsheet_text(by_id[key].team),
@@ -160,13 +164,16 @@ def _rows(sheet: ScoreSheet) -> Iterable[tuple[str, str, int | None, MetricRow]]
 
 def _readme(phase: Phase, board: Board, n_sheets: int) -> str:
     part = f", the {board.part} part" if board.part else ""
+    licence = (
+        f"Licence of its scenes: {phase.page.data_licence}\n\n" if phase.page.data_licence else ""
+    )
     return f"""# {phase.title}
 
 Phase `{phase.id}` of ExceptionDrive as board {board.board} shows it, published {minute(board.published_at)}:
 {board.n_samples} samples of split `{board.split.name}`{part} (`{board.split.revision}`),
 protocol {board.protocol.version} (`{board.protocol.digest}`).
 
-Shares are fractions, lengths are metres; what is undefined is null or empty. Everything here is
+{licence}Shares are fractions, lengths are metres; what is undefined is null or empty. Everything here is
 what readers of the site may see. Of a withheld split there is no region, no sample's value and no
 number that the boards and score sheets do not tell.
 
@@ -177,6 +184,7 @@ number that the boards and score sheets do not tell.
 - `report.json`: how the phase ended; missing while it has not.
 - `sheets/ID.json`: score sheets of {n_sheets} entries with families and tasks, by submission.
 - `results.csv`, `results.parquet`: the same numbers as one table; `scope` is average, family or task.
+  `n` counts no controls: of these alone is `over_caution` a share, and the datasheet says how many there are.
 - `facts.json`: what teams tell of their methods, by submission.
 - `protocols/VERSION.toml`: every constant that made the numbers.
 - `datasheet.json`: how the split was made, where its makers say so.

@@ -131,6 +131,7 @@ def test_csv_holds_every_entry_with_stable_columns(
 ) -> None:
     rows = list(csv.DictReader(io.StringIO(comma_separated(lively_board, protocol, SITE))))
     assert len(rows) == len([e for e in lively_board.entries if e.source != "reported"])
+    assert (rows[0]["phase"], rows[0]["board"]) == ("sample", "7")
     assert (rows[0]["rank"], rows[0]["hcc"], rows[0]["hcc_low"]) == ("1", "0.614", "0.573")
     assert rows[-1]["rank"] == ""
     assert {row["source"] for row in rows} == {"scored", "reference"}
