@@ -752,12 +752,14 @@ class Client(Connection):
         """Return the signed receipt of a scored submission, or of anybody's entry on a board."""
         from exceptiondrive_schemas.receipt import Receipt
 
+        of_entry = f"/entries/{quoted(self.id_of(submission_id))}/receipt"
         try:
             return self._get(Receipt, f"{self._path_of(submission_id)}/receipt")
-        except (NotFoundError, NotSignedInError):
+        except NotSignedInError:
+            return self._get(Receipt, of_entry)
+        except NotFoundError:
             with suppress(NotFoundError):
-                entry = quoted(self.id_of(submission_id))
-                return self._get(Receipt, f"/entries/{entry}/receipt")
+                return self._get(Receipt, of_entry)
             raise
 
     def receipt_keys(self) -> "ReceiptKeys":
@@ -780,6 +782,7 @@ class Client(Connection):
         challenge: str | None = None,
         protocol: str | None = None,
         as_of: datetime | date | str | None = None,
+        board: int | None = None,
         sort: str | None = None,
         view: Literal["main", "late"] | None = None,
     ) -> "Board":
@@ -790,6 +793,7 @@ class Client(Connection):
             challenge: `planning` or `strategy`.
             protocol: Version; else the one in force.
             as_of: The board as it stood then; a time without a zone is in UTC, of a day it is the end.
+            board: Its permanent number, as a citation names it; it has its own protocol and date.
             sort: Key of a metric, lowest first; with `-` in front highest first. Ranks stay what they are.
             view: `late`: with the entries that came after the deadline, ranked among all.
         """
@@ -799,6 +803,7 @@ class Client(Connection):
         query = {
             "phase": phase,
             "as_of": moment,
+            "board": board,
             "challenge": challenge,
             "protocol": protocol,
             "sort": sort,

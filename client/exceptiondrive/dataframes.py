@@ -28,11 +28,13 @@ _OF_ALL = [
     *("unranked_because", "replaced_by"),
 ]
 """Columns of every submission, scored or not."""
+_OF_BOARDS = ["phase", "board", "protocol"]
 _OF_ENTRIES = [
+    *_OF_BOARDS,
     *("rank", "rank_low", "rank_high", "method", "team", "source"),
     *("flags", "is_late", "unranked_because", "submission_id", "submitted_at"),
 ]
-_OF_FAMILIES = ["method", "team", "family", "n"]
+_OF_FAMILIES = [*_OF_BOARDS, "method", "team", "source", "submission_id", "family", "n"]
 """Columns of every board, whatever its metrics."""
 _ENDS_OF_TIMES = ("submitted_at", "received_at")
 """What the names of columns of times end with."""
@@ -62,7 +64,9 @@ def to_dataframe(
         raise extra_missing("Tables need pandas.", "data") from None
     if isinstance(document, Board):
         make_rows = _family_rows if families else _entry_rows
-        rows = [*make_rows(document.entries)]
+        told = (document.phase, document.board, document.protocol.version)
+        named = dict(zip(_OF_BOARDS, told, strict=True))
+        rows = [named | row for row in make_rows(document.entries)]
         columns = None if rows else _OF_FAMILIES if families else _OF_ENTRIES
         return _typed(pd.DataFrame(rows, columns=columns))
     if isinstance(document, ScoreSheet):
@@ -122,7 +126,7 @@ def _entry_rows(entries: Iterable[BoardEntry]) -> Iterator[Row]:
         low, high = entry.rank_interval or (None, None)
         row: Row = {"rank": entry.rank, "rank_low": low, "rank_high": high}
         row |= {"method": entry.method, "team": entry.team, "source": entry.source}
-        row |= entry.metrics
+        row |= {**entry.micro, **entry.metrics}  # of controls the mean of samples tells alone
         for key, interval in entry.intervals.items():
             row[f"{key}_low"], row[f"{key}_high"] = interval or (None, None)
         row |= {f"coverage_{key}": share for key, share in entry.coverage.items()}
@@ -134,8 +138,9 @@ def _entry_rows(entries: Iterable[BoardEntry]) -> Iterator[Row]:
 def _family_rows(entries: Iterable[BoardEntry]) -> Iterator[Row]:
     for entry in entries:
         for family, cell in entry.families.items():
-            named = {"method": entry.method, "team": entry.team, "family": family}
-            yield {**named, "n": cell.n, **cell.metrics}
+            row: Row = {"method": entry.method, "team": entry.team, "source": entry.source}
+            row |= {"submission_id": entry.submission_id, "family": family, "n": cell.n}
+            yield row | cell.metrics
 
 
 def _sheet_rows(sheet: ScoreSheet) -> Iterator[tuple[str, str, Row]]:

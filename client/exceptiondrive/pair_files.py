@@ -19,7 +19,6 @@ import math
 import sys
 import zipfile
 import zlib
-from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -33,6 +32,7 @@ from exceptiondrive.waypoint_rows import (
     pairs_of_rows,
     require_columns,
     unless_missing,
+    with_unique_keys,
 )
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.check.inflate import (
@@ -222,22 +222,6 @@ def points_of(
     except (TypeError, ValueError):
         raise fault(path, f"{where} must be a list of [x, y] in metres, or null.") from None
     return unless_missing(points)
-
-
-def with_unique_keys(path: Path) -> Callable[[list[tuple[str, Any]]], dict[str, Any]]:
-    """Return what makes the objects of a JSON file, and refuses a key that stands in one twice.
-
-    Python keeps the last of them and says nothing: a sample would be lost.
-    """
-
-    def made(members: list[tuple[str, Any]]) -> dict[str, Any]:
-        found = dict(members)
-        if len(found) < len(members):
-            ((key, _),) = Counter(key for key, _ in members).most_common(1)
-            raise fault(path, f"{key} occurs twice in one object.")
-        return found
-
-    return made
 
 
 def _modes(value: Any) -> list[Any] | None:

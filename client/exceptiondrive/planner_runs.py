@@ -24,9 +24,8 @@ from exceptiondrive.pair_files import (
     read_bytes,
     read_text,
     whole_number,
-    with_unique_keys,
 )
-from exceptiondrive.waypoint_rows import fault
+from exceptiondrive.waypoint_rows import fault, with_unique_keys
 from exceptiondrive_schemas.check.transformations import summed
 
 Tokens = Iterator[tuple[str, Waypoints | None]]

@@ -6,6 +6,7 @@ of a key is worked out from the key wherever keys are read: no server names its 
 """
 
 import base64
+import json
 import os
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +17,7 @@ from exceptiondrive.credentials import credentials_path
 from exceptiondrive.errors import InvalidArgumentError, extra_missing
 from exceptiondrive.inputs import given_bytes
 from exceptiondrive.settings import write_settings_file
+from exceptiondrive.waypoint_rows import with_unique_keys
 from exceptiondrive_schemas.receipt import (
     Receipt,
     ReceiptKey,
@@ -71,8 +73,8 @@ def verify_receipt(
 
     Raises:
         ReceiptError: It was altered, or the key is not known.
-        InvalidArgumentError: A file cannot be read, a key does not fit its id, or the extra
-            `receipts` is missing.
+        InvalidArgumentError: A file cannot be read, a name stands twice in the receipt, a key does not
+            fit its id, or the extra `receipts` is missing.
     """
     receipt = _read_receipt(file)
     known = remembered_keys() if keys is None else read_keys(Path(keys))
@@ -175,14 +177,17 @@ def _known(key: ReceiptKey, server: str | None) -> KnownKey:
 
 
 def _read_receipt(file: str | os.PathLike[str]) -> Receipt:
+    given = given_bytes(file)
     try:
-        return Receipt.read(given_bytes(file).data)
+        receipt = Receipt.read(given.data)
     except ValidationError as error:
         first = error.errors(include_url=False, include_input=False)[0]
         where = ".".join(str(part) for part in first["loc"])
         raise ReceiptError(
             "receipt_altered", f"This is no receipt: {where or 'file'}: {first['msg']}.", (where,)
         ) from None
+    json.loads(given.data, object_pairs_hook=with_unique_keys(Path(given.name)), parse_int=str)
+    return receipt
 
 
 def _is_signed(receipt: Receipt, key: ReceiptKey) -> bool:

@@ -1,7 +1,8 @@
 """Trajectories of a table that has one waypoint a row: CSV, Parquet, a data frame."""
 
 import math
-from collections.abc import Collection, Iterable, Iterator
+from collections import Counter
+from collections.abc import Callable, Collection, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,22 @@ SIDES = ("source", "edited")
 def fault(path: Path, sentence: str) -> InvalidArgumentError:
     """Return the error of a file that cannot be read."""
     return InvalidArgumentError("unreadable_file", f"{path.name}: {sentence}")
+
+
+def with_unique_keys(path: Path) -> Callable[[list[tuple[str, Any]]], dict[str, Any]]:
+    """Return what makes the objects of a JSON file, and refuses a key that stands in one twice.
+
+    Python keeps the last of them and says nothing: a sample would be lost.
+    """
+
+    def made(members: list[tuple[str, Any]]) -> dict[str, Any]:
+        found = dict(members)
+        if len(found) < len(members):
+            ((key, _),) = Counter(key for key, _ in members).most_common(1)
+            raise fault(path, f"{key} occurs twice in one object.")
+        return found
+
+    return made
 
 
 def unless_missing(points: Waypoints) -> Waypoints | None:

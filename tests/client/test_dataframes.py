@@ -53,6 +53,30 @@ def test_a_board_by_family_is_a_row_an_entry_and_family(board: Board) -> None:
         assert pd.isna(row[key]) if value is None else row[key] == value
 
 
+def test_a_table_of_a_board_says_which_board_it_is_and_whose_rows_are_whose(board: Board) -> None:
+    for families in (False, True):
+        table = to_dataframe(board, families=families)
+        for key, value in (
+            ("phase", board.phase),
+            ("board", board.board),
+            ("protocol", board.protocol.version),
+        ):
+            assert set(table[key]) == {value}
+        of = [each for each in board.entries if each.families or not families]
+        assert set(table["submission_id"].dropna()) == {e.submission_id for e in of} - {None}
+        assert {*zip(table["method"], table["source"], strict=True)} == {
+            (each.method, each.source) for each in of
+        }
+
+
+def test_what_a_board_tells_of_controls_stands_in_its_table(board: Board) -> None:
+    first = board.entries[0]
+    tried = first.model_copy(update={"micro": {**first.micro, "over_caution": 0.14}})
+    table = to_dataframe(board.model_copy(update={"entries": (tried, *board.entries[1:])}))
+    assert table.loc[0, "over_caution"] == 0.14
+    assert {key: table.loc[0, key] for key in first.metrics} == first.metrics
+
+
 @pytest.mark.parametrize("families", [False, True])
 def test_a_board_without_entries_has_the_columns_of_every_board(
     board: Board, families: bool

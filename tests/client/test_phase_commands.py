@@ -132,11 +132,16 @@ def test_a_board_is_frozen_and_revealed(working: "Running", planning_file: MakeF
     asked = ("leaderboard", "--phase", "test")
     assert "\nfrozen since 2" in run(working, *asked).stdout
     assert "frozen" not in run(working, *asked, "--as-of", "2099-01-01").stdout
+    cited = json.loads(run(working, *asked, "--json").stdout)
     revealed = organize(working, "reveal", "test", "--what", "board", "--yes", *REASON)
     assert revealed.exit_code == 0, revealed.stderr
     assert revealed.stdout.startswith("the newest board of test is shown")
     board_shows(working, first, second)
     assert "frozen" not in run(working, *asked).stdout
+    of_number = run(working, *asked, "--board", str(cited["board"]), "--json")
+    assert json.loads(of_number.stdout) == cited
+    with Client(working.url) as client:
+        assert client.leaderboard(phase="test", board=cited["board"]).board == cited["board"]
 
 
 def test_a_reveal_of_hidden_scores_says_before_it_asks_that_later_deadlines_end(

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 from exceptiondrive import Client
 from exceptiondrive.cli import app
-from exceptiondrive.errors import InvalidArgumentError, NotSignedInError
+from exceptiondrive.errors import InvalidArgumentError, NotFoundError
 from exceptiondrive.receipts import (
     ReceiptError,
     keys_path,
@@ -58,7 +58,7 @@ def test_a_reader_gets_the_receipt_of_an_entry_without_a_token(
     with Client(working.url) as reader:
         page = f"{working.url}/entries/{own.statement.submission_id}"
         assert reader.receipt(page).statement == own.statement
-        with pytest.raises(NotSignedInError):
+        with pytest.raises(NotFoundError):  # no token would give it
             reader.receipt("none")
 
 
@@ -150,6 +150,29 @@ def test_a_receipt_holds_and_every_tampered_field_is_named(receipt: Path, tmp_pa
             verify_receipt(receipt, keys=tmp_path / "keys.json")
         assert error.value.altered == (field,)
         assert field in error.value.sentence
+
+
+def test_a_name_that_stands_twice_is_refused_whichever_comes_first(
+    receipt: Path, tmp_path: Path
+) -> None:
+    """Readers differ in which of the two they take."""
+    true = receipt.read_text()
+    forged = json.dumps({**json.loads(true)["statement"], "method": "Better"})
+    values = {"hcc": "0.9991", "n": "1", "method": '"Better"', "statement": forged}
+    for field, value in values.items():
+        receipt.write_text(true.replace(f'"{field}":', f'"{field}": {value}, "{field}":', 1))
+        done = verify(receipt, "--key", tmp_path / "keys.json")
+        assert (done.exit_code, done.stdout) == (2, "")
+        assert f"receipt.json: {field} occurs twice in one object." in done.stderr
+
+
+def test_a_check_says_the_scores_that_were_signed(receipt: Path) -> None:
+    said = Receipt.model_validate_json(receipt.read_bytes()).statement
+    told = " ".join(verify(receipt).stdout.split())
+    assert f"{said.n} samples, mean of families: " in told
+    assert f"hcc {said.macro_family['hcc']}" in told
+    assert f"{said.n} samples, mean of samples: " in told
+    assert f"hcc {said.micro['hcc']}" in told
 
 
 def test_digests_that_were_altered_too_do_not_fit_the_signature(

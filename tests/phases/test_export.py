@@ -85,6 +85,21 @@ def test_the_table_holds_every_number_of_every_sheet_in_both_forms(ended: "Life"
             told = line[metric]
             assert (value is None and pd.isna(told)) or told == value, (scope, name, metric)
     assert "'=1+1 & Co" in set(table["method"]), "no formula for a spreadsheet"
+    board = ended.board()
+    named = table[["phase", "board", "protocol", "split_revision"]].drop_duplicates()
+    (told,) = named.itertuples(index=False, name=None)
+    under = (board["protocol"]["version"], board["split"]["revision"])
+    assert told == ("test", board["board"], *under)
+
+
+def test_it_says_under_which_licence_the_scenes_are(life: "Life") -> None:
+    life.make_phase()
+    life.submit("alpha", PUBLIC_ONLY)
+    life.work()
+    assert b"Licence" not in files_of(life)["README.md"]
+    page = {"data_licence": "CC BY-NC-SA 4.0"}
+    life.done("/phases/test", {"page": page}, "PATCH")
+    assert b"\nLicence of its scenes: CC BY-NC-SA 4.0\n" in files_of(life)["README.md"]
 
 
 def test_nothing_of_regions_and_no_unshown_part_is_in_it(life: "Life") -> None:

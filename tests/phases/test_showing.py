@@ -2,7 +2,9 @@
 
 import html
 import re
+from csv import DictReader
 from datetime import timedelta
+from io import StringIO
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -247,6 +249,26 @@ def test_every_link_of_the_late_view_leads_somewhere(life: "Life") -> None:
     assert 'class="mv' not in page  # no rank moves
     assert "first board of its phase" not in page
     assert "badge late" not in life.get("/?phase=test").text
+
+
+def test_what_cites_the_late_view_leads_to_it_and_marks_who_is_late(life: "Life") -> None:
+    plain(life, closes_at=life.ahead(60), showing={"late_entries": "own_view"})
+    submit(life, "alpha", 3.0, "In time")
+    life.move(closes_at=life.now())
+    late = submit(life, "beta", 1.0, "Behind")
+    csv, tex, bib = (
+        life.get(f"/export/board.{form}?phase=test&view=late").text
+        for form in ("csv", "tex", "bib")
+    )
+    cited = html.unescape(life.get(f"/entries/{late}").text)
+    for text in (csv, tex, bib, cited[cited.index("@misc") :]):
+        named = set(re.findall(r"https?://[^/]+(/\?phase=test[^\s,}]*)", text))
+        assert named == {"/?phase=test&view=late"}
+    assert "phase test, late view" in bib
+    are_late = [row["method"] for row in DictReader(StringIO(csv)) if row["is_late"] == "True"]
+    assert are_late == ["Behind"]
+    assert "Behind} (late) &" in tex
+    assert "In time &" in tex
 
 
 def test_the_deadline_is_judged_by_the_first_byte_but_nobody_holds_it_open(life: "Life") -> None:

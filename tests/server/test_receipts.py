@@ -94,6 +94,25 @@ def test_an_entry_of_a_board_has_a_public_receipt(
     assert public == receipt_of(api, submission_id)
 
 
+def test_what_was_published_has_a_public_receipt_after_its_entry_left(
+    api: "Api", make_entry: Callable[..., "BoardEntry"], as_problem: Problem
+) -> None:
+    submission_id = scored(api)
+    api.publish(make_entry("Planner", submission_id=submission_id))
+    before = api.get(f"/entries/{submission_id}/receipt").content
+    assert api.post(f"/submissions/{submission_id}/withdraw", "alpha").status_code == 200
+    api.publish(make_entry("Other", submission_id=None))
+    as_problem(api.get(f"/entries/{submission_id}/receipt"), 404, "not_found")
+    for elsewhere in ("board=2", "phase=dev", "phase=other&board=1", "board=7"):
+        for path in (f"/entries/{submission_id}", f"/entries/{submission_id}/receipt"):
+            as_problem(api.get(f"{path}?{elsewhere}"), 404, "not_found")
+    shown = api.get(f"/entries/{submission_id}?board=1").json()
+    assert (shown["board"], shown["entry"]["method"]) == (1, "Planner")
+    of_board = api.get(f"/entries/{submission_id}/receipt?phase=dev&board=1")
+    assert of_board.content == before
+    check(api, Receipt.model_validate_json(of_board.content))
+
+
 def test_the_private_key_is_its_owners_alone(api: "Api", tmp_path: Path) -> None:
     scored_id = scored(api)
     assert not (tmp_path / "receipt-key.pem").exists()

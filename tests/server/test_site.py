@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
     from tests.support.application import Api, TeamBrowser
 
+    from exceptiondrive_schemas.board import BoardEntry
+
 LINKS = {
     "paper_url": "https://paper.example.org/x",
     "code_url": "https://code.example.org/x",
@@ -64,6 +66,19 @@ def test_links_that_an_organizer_sets_stand_on_every_page(
     taken = api.request("PATCH", "/organizer/site", "organizer", json={"code_url": ""})
     assert taken.json() == {**LINKS, "code_url": ""}
     assert "Code" not in links_of(browser.get("/").text)
+
+
+def test_a_board_is_cited_beside_what_organizers_say_of_the_benchmark(
+    api: "Api", browser: "TeamBrowser", make_entry: "Callable[..., BoardEntry]"
+) -> None:
+    api.publish(make_entry("Planner"))
+    built_in, of_board = "@misc{exceptiondrive,", "@misc{exceptiondrive-dev-board-1,"
+    bib = browser.get("/export/board.bib?phase=dev").text
+    assert (bib.startswith(built_in), bib.count(of_board)) == (True, 1)
+    api.request("PATCH", "/organizer/site", "organizer", json=LINKS)
+    bib = browser.get("/export/board.bib?phase=dev").text
+    assert bib.startswith(f"{LINKS['citation']}\n\n{of_board}")
+    assert built_in not in bib
 
 
 def test_an_organizer_sets_them_on_a_page(api: "Api", browser: "TeamBrowser") -> None:

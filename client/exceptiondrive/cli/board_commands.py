@@ -40,6 +40,9 @@ def leaderboard(
     as_of: Annotated[
         str | None, option("--as-of", "TIME", "As it stood then: 2026-11-21[T18:00:00Z].")
     ] = None,
+    number: Annotated[
+        int | None, option("--board", "N", "That of this number, as a citation names it.")
+    ] = None,
     sort: Annotated[
         str | None,
         one_of(
@@ -64,12 +67,13 @@ def leaderboard(
         "challenge": challenge,
         "protocol": protocol,
         "as_of": as_of,
+        "board": number,
         "sort": sort,
         "view": view,
     }
     with open_client(server) as client:
         board = client.leaderboard(**asked)
-        now = None if json or as_of else client.phase(board.phase).now
+        now = None if json or as_of or number else client.phase(board.phase).now
     show_result(board, json, board_view(board, now.frozen_since if now else None))
 
 

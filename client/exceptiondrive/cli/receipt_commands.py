@@ -7,6 +7,7 @@ import typer
 
 from exceptiondrive.checking import write_file
 from exceptiondrive.cli import options
+from exceptiondrive.cli.file_tables import AGGREGATES
 from exceptiondrive.cli.options import argument, option
 from exceptiondrive.cli.output import replacing, say, show_result
 from exceptiondrive.cli.session import open_client
@@ -67,6 +68,11 @@ def verify(
         f"submission {said.submission_id} of {said.team}, file {said.file_digest}",
         f"scored {utc_text(said.scored_at)} under protocol {said.protocol.version} "
         f"({said.protocol.digest}) on {said.split.name} ({said.split.revision})",
+        *(
+            f"{said.n:,} samples, {words}: "
+            + ", ".join(f"{key} {value}" for key, value in getattr(said, average).items())
+            for average, words in AGGREGATES.items()
+        ),
     )
 
 

@@ -23,8 +23,9 @@ MAX_NAME = 80
 MAX_CITE = 500
 _PASSED_OVER = frozenset(
     (
-        *("board", "published_at", "source", "rank", "rank_low", "rank_high", "submission_id"),
-        *("submitted_at", "flags", "leads", "unranked_because", "edited_at", "board_url"),
+        *("phase", "board", "published_at", "source", "rank", "rank_low", "rank_high"),
+        *("submission_id", "submitted_at", "flags", "is_late", "leads", "unranked_because"),
+        *("edited_at", "board_url"),
         *MethodFacts.model_fields,
     )
 )

@@ -165,7 +165,7 @@ def get_board_csv(request: Request, services: ServicesOf, query: BoardQueryOf) -
     with services.database.read() as session:
         board, protocol, facts = asked_entries(session, query)
     csv = EXPORTS["csv"]
-    text = csv.write(board, protocol, origin_of(request), facts)
+    text = csv.write(board, protocol, origin_of(request), facts, "")
     max_age_s = services.settings.board_max_age_s
     return conditional(request, text.encode(), csv.media_type, max_age_s=max_age_s)
 

@@ -7,9 +7,10 @@ from urllib.parse import urlencode
 from exceptiondrive_schemas.board import Board, BoardEntry, EntrySource
 from exceptiondrive_schemas.challenges import CHALLENGES, Challenge, Metric, OutcomePart
 from exceptiondrive_schemas.flags import bars_leading
+from exceptiondrive_schemas.protocol import RankingSection
 from exceptiondrive_schemas.score_sheet import Interval, MetricRow
 from exceptiondrive_server.boards.query import Average
-from exceptiondrive_server.web.numbers import DASH, listed, slug
+from exceptiondrive_server.web.numbers import DASH, Digits, listed, slug
 from exceptiondrive_server.web.templating import template_filter
 
 
@@ -110,6 +111,14 @@ def is_barred(entry: BoardEntry) -> bool:
 def is_listed(entry: BoardEntry) -> bool:
     """Whether a scored entry stands on the board without a rank."""
     return entry.source == "scored" and entry.rank is None
+
+
+def too_few_answers(entry: BoardEntry, ranking: RankingSection, digits: Digits) -> list[str]:
+    """Say what share of the samples a scored entry answers, where it is too small for a rank: a text or none."""
+    shares = [share for share in entry.coverage.values() if share is not None]
+    if entry.source != "scored" or not shares or min(shares) >= ranking.min_coverage:
+        return []
+    return [f"{digits.fraction(min(shares))} % answered"]
 
 
 def find_entry(board: Board, key: str) -> BoardEntry | None:

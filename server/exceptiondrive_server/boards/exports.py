@@ -5,26 +5,30 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from datetime import datetime
 from io import StringIO
-from urllib.parse import quote
+from urllib.parse import quote, urlencode
 from xml.etree import ElementTree as Xml
 
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.method_facts import NO_FACTS, EntryFacts, FactsOfBoard
 from exceptiondrive_schemas.printable import one_line, spreadsheet_text
 from exceptiondrive_schemas.protocol import ProtocolDocument
-from exceptiondrive_server.boards.entry_facts import challenge_of
+from exceptiondrive_server.boards.entry_facts import (
+    board_fields,
+    board_name,
+    challenge_of,
+    too_few_answers,
+)
 from exceptiondrive_server.boards.query import AVERAGE_TITLES, SOURCES
 from exceptiondrive_server.web.numbers import Digits, day, iso, unit_of
 from exceptiondrive_server.web.templating import https_only, template_filter
 
-PAPER_TITLE = (
-    "ExceptionDrive: A Planning-Oriented Counterfactual Corner-Case Benchmark "
-    "for Autonomous Driving"
-)
-PAPER_AUTHORS = (
-    "Luo, Ziyi and Sun, Zhe and Lu, Yehao and Zhou, Lei and Wu, Lisheng and Li, Xuewei and "
-    "Qin, Zequn and Li, Xi"
-)
+PAPER = """\
+@misc{exceptiondrive,
+  title  = {{ExceptionDrive: A Planning-Oriented Counterfactual Corner-Case Benchmark for Autonomous Driving}},
+  author = {Luo, Ziyi and Sun, Zhe and Lu, Yehao and Zhou, Lei and Wu, Lisheng and Li, Xuewei and Qin, Zequn and Li, Xi},
+  url    = {SITE/},
+}
+"""
 ATOM = "http://www.w3.org/2005/Atom"
 NOTHING_TOLD = EntryFacts()
 _OF_ADDRESSES = ":/?#[]@!$&'()*+,;=%-._~"
@@ -51,15 +55,15 @@ _TEX = str.maketrans(
 
 @dataclass(frozen=True)
 class Export:
-    """A kind of file: its media type and its writer (board, protocol, site's address, facts)."""
+    """A kind of file: its media type and its writer (board, protocol, site's address, facts, citation of the benchmark)."""
 
     media_type: str
-    write: Callable[[Board, ProtocolDocument, str, FactsOfBoard], str]
+    write: Callable[[Board, ProtocolDocument, str, FactsOfBoard, str], str]
 
 
 def permalink(board: Board, site_url: str) -> str:
-    """Return the permanent address of a board."""
-    return f"{site_url}/?phase={board.phase}&board={board.board}"
+    """Return the permanent address of a board; of a late view, which has none, that of the present one."""
+    return f"{site_url}/?{urlencode(board_fields(board))}"
 
 
 def tex_escape(text: str) -> str:
@@ -74,7 +78,11 @@ def in_blocks(board: Board) -> list[list[BoardEntry]]:
 
 
 def latex(
-    board: Board, protocol: ProtocolDocument, site_url: str, facts: FactsOfBoard = NO_FACTS
+    board: Board,
+    protocol: ProtocolDocument,
+    site_url: str,
+    facts: FactsOfBoard = NO_FACTS,
+    citation: str = "",
 ) -> str:
     """Write a booktabs table: scored and reference rows apart, the leader bold, flags named."""
     challenge, digits = challenge_of(board), Digits.of(protocol.publication)
@@ -89,7 +97,7 @@ def latex(
     lines = [
         f"% {permalink(board, site_url)}",
         (
-            f"% board {board.board} of {day(board.published_at)}, split {board.split.name} "
+            f"% {board_name(board).lower()} of {day(board.published_at)}, split {board.split.name} "
             f"({board.n_samples} samples), protocol {board.protocol.version} "
             f"{board.protocol.digest}"
         ),
@@ -108,6 +116,8 @@ def latex(
             name = rf"\textbf{{{name}}}" if entry is leader else name
             marks = [flag.label for flag in entry.flags]
             marks = marks if entry.source == "scored" else [entry.source, *marks]
+            marks += ["late"] if entry.is_late else []
+            marks += too_few_answers(entry, protocol.ranking, digits)
             name += f" ({tex_escape(', '.join(marks))})" if marks else ""
             told = [tex_escape(types.get(entry.submission_id or "", "--"))] if types else []
             lines.append(" & ".join([str(entry.rank or "--"), name, *told, *cells]) + r" \\")
@@ -120,19 +130,19 @@ def _tex_label(label: str) -> str:
 
 
 def bibtex(
-    board: Board, protocol: ProtocolDocument, site_url: str, facts: FactsOfBoard = NO_FACTS
+    board: Board,
+    protocol: ProtocolDocument,
+    site_url: str,
+    facts: FactsOfBoard = NO_FACTS,
+    citation: str = "",
 ) -> str:
-    """Write a citation of the paper and one of this very board."""
+    """Write a citation of the benchmark, as organizers set it or of its paper, and one of this very board."""
     at = board.published_at
     return (
-        "@misc{exceptiondrive,\n"
-        f"  title  = {{{{{PAPER_TITLE}}}}},\n"
-        f"  author = {{{PAPER_AUTHORS}}},\n"
-        f"  url    = {{{site_url}/}},\n"
-        "}\n\n"
+        f"{(citation or PAPER.replace('SITE', site_url)).strip()}\n\n"
         f"@misc{{exceptiondrive-{board.phase}-board-{board.board},\n"
         f"  title        = {{{{ExceptionDrive leaderboard, phase {board.phase}, "
-        f"board {board.board}}}}},\n"
+        f"{board_name(board).lower()}}}}},\n"
         f"  year         = {{{at.year}}},\n"
         f"  month        = {_MONTHS[at.month - 1]},\n"
         f"  howpublished = {{\\url{{{permalink(board, site_url)}}}}},\n"
@@ -147,7 +157,7 @@ def bibtex(
 def entry_bibtex(board: Board, entry: BoardEntry, site_url: str) -> str:
     """Write a citation of an entry: by its paper, else its code, if its team links to one, and by this board."""
     at = entry.submitted_at or board.published_at
-    here = f"{site_url}/entries/{entry.submission_id}"
+    here = f"{site_url}/entries/{entry.submission_id}?{urlencode(board_fields(board))}"
     own = https_only(entry.links.paper) or https_only(entry.links.code) or here
     return (
         f"@misc{{exceptiondrive-{entry.submission_id},\n"
@@ -155,14 +165,18 @@ def entry_bibtex(board: Board, entry: BoardEntry, site_url: str) -> str:
         f"  author = {{{{{tex_escape(entry.team or 'Anonymous')}}}}},\n"
         f"  year   = {{{at.year}}},\n"
         f"  url    = {{{quote(own, safe=_OF_ADDRESSES)}}},\n"
-        f"  note   = {{ExceptionDrive leaderboard, phase {board.phase}, board {board.board}, protocol "
+        f"  note   = {{ExceptionDrive leaderboard, phase {board.phase}, {board_name(board).lower()}, protocol "
         f"{board.protocol.version}: \\url{{{permalink(board, site_url)}}}}},\n"
         "}\n"
     )
 
 
 def comma_separated(
-    board: Board, protocol: ProtocolDocument, site_url: str, facts: FactsOfBoard = NO_FACTS
+    board: Board,
+    protocol: ProtocolDocument,
+    site_url: str,
+    facts: FactsOfBoard = NO_FACTS,
+    citation: str = "",
 ) -> str:
     """Write one line per entry: fractions and metres as published, intervals, families, flags.
 
@@ -187,6 +201,7 @@ def _columns(board: Board) -> list[str]:
     ]
     return [
         *(
+            "phase",
             "board",
             "published_at",
             "protocol",
@@ -200,7 +215,7 @@ def _columns(board: Board) -> list[str]:
         *(*challenge.metric_keys, *of_controls),
         *(f"{m.key}_{end}" for m in challenge.interval_metrics for end in ("low", "high")),
         *(f"{challenge.metrics[0].key}.{family.id}" for family in board.families),
-        *("flags", "leads", "unranked_because", "average", "board_url"),
+        *("flags", "is_late", "leads", "unranked_because", "average", "board_url"),
         *_told(NOTHING_TOLD),
     ]
 
@@ -220,6 +235,7 @@ def _line(board: Board, entry: BoardEntry, address: str) -> dict[str, object]:
     low, high = entry.rank_interval or (None, None)
     intervals = {key: ends or (None, None) for key, ends in entry.intervals.items()}
     return {
+        "phase": board.phase,
         "board": board.board,
         "published_at": iso(board.published_at),
         "protocol": board.protocol.version,
@@ -241,6 +257,7 @@ def _line(board: Board, entry: BoardEntry, address: str) -> dict[str, object]:
         **{f"{key}_high": ends[1] for key, ends in intervals.items()},
         **{f"{first}.{id}": cell.metrics.get(first) for id, cell in entry.families.items()},
         "flags": " ".join(flag.code for flag in entry.flags),
+        "is_late": entry.is_late,
         "leads": entry is board.leader,
         "unranked_because": entry.unranked_because,
         "average": board.headline,

@@ -8,6 +8,7 @@ from exceptiondrive_records.accounts.tokens import Principal, Scope
 from exceptiondrive_records.boards.boards import late_board, leads
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import NotFound
+from exceptiondrive_records.operations.site import site_links
 from exceptiondrive_records.phases.phases import shown_phase
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.rescoring.views import board_history
@@ -182,7 +183,8 @@ def export_board(
         raise NotFound("export", form)
     with services.database.read() as session:
         board, protocol, facts = asked_entries(session, query)
-    text = export.write(board, protocol, origin_of(request), facts)
+        citation = site_links(session).citation
+    text = export.write(board, protocol, origin_of(request), facts, citation)
     name = f"exceptiondrive-{board.phase}-board-{board.board}.{form}"
     headers = {**SECURITY_HEADERS, "Content-Disposition": f'attachment; filename="{name}"'}
     return Response(text, media_type=export.media_type, headers=headers)

@@ -10,7 +10,7 @@ from difflib import get_close_matches
 from typing import Annotated, Any, Literal, Self
 from urllib.parse import urlencode
 
-from fastapi import Depends, Request
+from fastapi import Depends, Query, Request
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from exceptiondrive_records.db.errors import InvalidRecord, NotFound, RecordsError
@@ -222,6 +222,22 @@ def require_known(request: Request, *further: str) -> None:
 
 BoardQueryOf = Annotated[BoardQuery, Depends(board_query_of)]
 """What the address of a request asks for."""
+
+
+def _named_board(
+    phase: Annotated[
+        str | None, Query(min_length=1, max_length=64, description="id of the entry's phase")
+    ] = None,
+    board: Annotated[
+        int | None,
+        Query(ge=1, lt=2**31, description="as on the board of this number; else as it stands now"),
+    ] = None,
+) -> BoardQuery:
+    return BoardQuery(phase=phase, board=board)
+
+
+NamedBoard = Annotated[BoardQuery, Depends(_named_board)]
+"""What names the board on which the API shows an entry."""
 
 
 def documented() -> dict[str, Any]:

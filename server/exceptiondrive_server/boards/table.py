@@ -24,6 +24,7 @@ from exceptiondrive_server.boards.entry_facts import (
     is_listed,
     outcome_parts,
     primary_metrics,
+    too_few_answers,
     values_of,
 )
 from exceptiondrive_server.boards.headline import what_else_tells
@@ -666,9 +667,7 @@ class BoardTable:
     def lacks(self, entry: BoardEntry) -> str:
         """Say in a few words why a scored entry takes no rank."""
         labels = [flag.label for flag in entry.flags if flag.code in entry.unranked_flags]
-        shares = [share for share in entry.coverage.values() if share is not None]
-        if shares and min(shares) < self.ranking.min_coverage:
-            labels.append(f"{self.builder.digits.fraction(min(shares))} % answered")
+        labels += too_few_answers(entry, self.ranking, self.builder.digits)
         return ", ".join(labels) or _rank_words(entry, self.board)
 
     @cached_property

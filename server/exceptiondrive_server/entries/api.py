@@ -3,6 +3,7 @@
 from fastapi import APIRouter
 
 from exceptiondrive_schemas.api.problems import ProblemCode
+from exceptiondrive_server.boards.query import NamedBoard
 from exceptiondrive_server.entries.queries import EntryView, published_entry
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.path_ids import SubmissionId
@@ -14,7 +15,10 @@ router = APIRouter(prefix="/entries", tags=["boards"])
 @router.get(
     "/{submission_id}", operation_id="showEntry", responses=problem_responses(ProblemCode.NOT_FOUND)
 )
-def get_entry(services: ServicesOf, submission_id: SubmissionId) -> EntryView:
-    """Show an entry of a current board or late view; what is on neither is not found."""
+def get_entry(services: ServicesOf, submission_id: SubmissionId, query: NamedBoard) -> EntryView:
+    """Show an entry of a current board or late view; with `board`, as it stood on that one.
+
+    What does not stand there is not found.
+    """
     with services.database.read() as session:
-        return published_entry(session, submission_id)
+        return published_entry(session, submission_id, query)

@@ -23,9 +23,7 @@ from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.splits.drawings import entry_drawings
 from exceptiondrive_records.splits.pictures import outline_of_pictures, pictures_of
 from exceptiondrive_records.splits.tables import SamplePictureRow, SplitRow
-from exceptiondrive_records.submissions.edits import facts_of_entries
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
-from exceptiondrive_records.submissions.views import published_sheets
 from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.challenges import CHALLENGES
@@ -270,7 +268,7 @@ def _drawings(session: Session, submission: Submission, board: Board) -> EntryDr
 
 
 class EntryView(BaseModel):
-    """A row of the current board with its score sheet, rounded as the protocol says."""
+    """A row of a board with its score sheet, rounded as the protocol says."""
 
     phase: str
     board: int
@@ -282,28 +280,26 @@ class EntryView(BaseModel):
     """When the team last changed name, words, links or facts."""
 
 
-def published_entry(session: Session, submission_id: str) -> EntryView:
-    """Return what a current board or late view shows of a submission.
+def published_entry(session: Session, submission_id: str, query: BoardQuery) -> EntryView:
+    """Return what the board of a number shows of a submission; without one, a current board or late view.
 
     Raises:
-        NotFound: It is on neither; the same whether or not it was submitted.
+        NotFound: It does not stand there; the same whether or not it was submitted.
     """
     submission = _shown_submission(session, submission_id)
-    if submission is None:
+    if submission is None or query.phase not in (None, submission.phase_id):
         raise NotFound("entry", submission_id)
-    phase = find_phase(session, submission.phase_id)
-    rows = boards_with(session, submission_id, (phase.current_board_id, phase.late_board_id))
-    sheets = published_sheets(session, phase, {submission_id}, database_now(session))
-    board = parsed_board(rows[0]) if rows else None
-    entry = find_entry(board, submission_id) if board else None
-    if board is None or entry is None or submission_id not in sheets:
+    row, is_current = _board_with(session, submission_id, submission, query)
+    board = parsed_board(row)
+    entry, sheet = find_entry(board, submission_id), _sheet(session, submission_id, board)
+    if entry is None or sheet is None or not (is_current or query.board):
         raise NotFound("entry", submission_id)
-    told = facts_of_entries(session, phase.id, [submission_id]).get(submission_id, EntryFacts())
+    told = facts_on(session, board).get(submission_id, EntryFacts())
     return EntryView(
-        phase=phase.id,
+        phase=board.phase,
         board=board.board,
         entry=entry,
-        sheet=sheets[submission_id],
+        sheet=sheet,
         facts=told.facts,
         edited_at=told.edited_at,
     )

@@ -19,6 +19,7 @@ from exceptiondrive_records.boards.boards import (
 from exceptiondrive_records.boards.tables import BoardRow
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import NotFound
+from exceptiondrive_records.operations.site import site_links
 from exceptiondrive_records.phases.phases import find_phase
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol, find_protocol_row
@@ -69,6 +70,7 @@ def _members(session: Session, phase: Phase, row: BoardRow, site_url: str) -> Me
     board = without_reported(parsed_board(row))
     facts = facts_on(session, board)
     sheets = _sheets(session, phase, board)
+    citation = site_links(session).citation
     yield "README.md", _readme(phase, board, len(sheets)).encode()
     if has_ended(session, phase):
         yield "report.json", canonical_json(report_of(session, phase))
@@ -81,7 +83,7 @@ def _members(session: Session, phase: Phase, row: BoardRow, site_url: str) -> Me
         document = without_reported(parsed_board(each))
         protocol = find_protocol(session, each.protocol_digest)
         for form, export in EXPORTS.items():
-            text = export.write(document, protocol, site_url, facts_on(session, document))
+            text = export.write(document, protocol, site_url, facts_on(session, document), citation)
             yield f"{name}.{form}", text.encode()
     yield from _tables(board, sheets)
     yield "facts.json", _canonical(facts)
@@ -128,6 +130,10 @@ def _tables(board: Board, sheets: dict[str, ScoreSheet]) -> Members:
     by_id = {entry.submission_id: entry for entry in board.entries}
     lines = [
         {
+            "phase": board.phase,
+            "board": board.board,
+            "protocol": board.protocol.version,
+            "split_revision": board.split.revision,
             "submission_id": key,
             "method": spreadsheet_text(by_id[key].method),
             "team": spreadsheet_text(by_id[key].team),
@@ -158,13 +164,16 @@ def _rows(sheet: ScoreSheet) -> Iterable[tuple[str, str, int | None, MetricRow]]
 
 def _readme(phase: Phase, board: Board, n_sheets: int) -> str:
     part = f", the {board.part} part" if board.part else ""
+    licence = (
+        f"Licence of its scenes: {phase.page.data_licence}\n\n" if phase.page.data_licence else ""
+    )
     return f"""# {phase.title}
 
 Phase `{phase.id}` of ExceptionDrive as board {board.board} shows it, published {minute(board.published_at)}:
 {board.n_samples} samples of split `{board.split.name}`{part} (`{board.split.revision}`),
 protocol {board.protocol.version} (`{board.protocol.digest}`).
 
-Shares are fractions, lengths are metres; what is undefined is null or empty. Everything here is
+{licence}Shares are fractions, lengths are metres; what is undefined is null or empty. Everything here is
 what readers of the site may see. Of a withheld split there is no region, no sample's value and no
 number that the boards and score sheets do not tell.
 
@@ -175,6 +184,7 @@ number that the boards and score sheets do not tell.
 - `report.json`: how the phase ended; missing while it has not.
 - `sheets/ID.json`: score sheets of {n_sheets} entries with families and tasks, by submission.
 - `results.csv`, `results.parquet`: the same numbers as one table; `scope` is average, family or task.
+  `n` counts no controls: of these alone is `over_caution` a share, and the datasheet says how many there are.
 - `facts.json`: what teams tell of their methods, by submission.
 - `protocols/VERSION.toml`: every constant that made the numbers.
 - `datasheet.json`: how the split was made, where its makers say so.

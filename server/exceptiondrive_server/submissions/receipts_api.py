@@ -14,6 +14,8 @@ from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_schemas.api.problems import ProblemCode
 from exceptiondrive_schemas.base import content_digest
 from exceptiondrive_schemas.receipt import Receipt, ReceiptKeys, ReceiptStatement
+from exceptiondrive_schemas.score_sheet import ScoreSheet
+from exceptiondrive_server.boards.query import NamedBoard
 from exceptiondrive_server.entries.queries import published_entry
 from exceptiondrive_server.web.auth import Reader, ServicesOf, own_team
 from exceptiondrive_server.web.path_ids import SubmissionId
@@ -48,15 +50,18 @@ def get_receipt(services: ServicesOf, principal: Reader, submission_id: Submissi
     operation_id="showEntryReceipt",
     responses=problem_responses(ProblemCode.NOT_FOUND),
 )
-def get_entry_receipt(services: ServicesOf, submission_id: SubmissionId) -> Receipt:
-    """Give the signed receipt of an entry of a current board, to anyone."""
+def get_entry_receipt(
+    services: ServicesOf, submission_id: SubmissionId, query: NamedBoard
+) -> Receipt:
+    """Give the signed receipt of an entry to anyone: of a current board, or of the `board` that is named."""
     with services.database.read() as session:
-        published_entry(session, submission_id)
+        view = published_entry(session, submission_id, query)
         submission = find_submission(session, submission_id)
         if is_anonymous(find_phase(session, submission.phase_id)):  # it names team and file
             raise NotFound("public receipt, before names are revealed, of entry", submission_id)
-        statement = statement_of(session, submission)
-    return services.signer.sign(statement)
+        statement = _statement(session, submission, view.sheet)
+    shown = {"team": view.entry.team, "method": view.entry.method}
+    return services.signer.sign(statement.model_copy(update=shown))
 
 
 def statement_of(session: Session, submission: Submission) -> ReceiptStatement:
@@ -66,21 +71,24 @@ def statement_of(session: Session, submission: Submission) -> ReceiptStatement:
         NotFound: There is none, or it is kept back.
     """
     phase = find_phase(session, submission.phase_id)
-    key = (submission.id, phase.protocol_digest, phase.split_revision)
-    row = session.get(ScoreSheetRow, key)
     now = database_now(session)
     sheet = published_sheets(session, phase, {submission.id}, now).get(submission.id)
     is_hidden = score_kept_back_since(phase, submission, now) is not None
-    if row is None or sheet is None or is_hidden:
+    if sheet is None or is_hidden:
         until = " yet: its score is kept back until the organizers reveal the board"
         raise NotFound(
             "receipt of a score for submission", submission.id, until if is_hidden else ""
         )
+    return _statement(session, submission, sheet)
+
+
+def _statement(session: Session, submission: Submission, sheet: ScoreSheet) -> ReceiptStatement:
+    key = (submission.id, sheet.protocol.digest, sheet.split.revision)
     return ReceiptStatement(
         submission_id=submission.id,
         file_digest=submission.file_digest,
         size_bytes=submission.size_bytes,
-        phase=phase.id,
+        phase=submission.phase_id,
         challenge=sheet.challenge,
         team=session.get_one(Team, submission.team_id).name,
         method=submission.method,
@@ -93,5 +101,5 @@ def statement_of(session: Session, submission: Submission) -> ReceiptStatement:
         families=sheet.families,
         sheet_digest=content_digest(sheet),
         received_at=submission.received_at,
-        scored_at=row.created_at,
+        scored_at=session.get_one(ScoreSheetRow, key).created_at,
     )

@@ -132,8 +132,19 @@ async def test_the_receipt_can_be_fetched_and_checked_in_one_line(
     assert 'href="/api/v1/receipt-keys" download="receipt-keys.json"' in text
     line = re.sub("<[^>]+>", "", text[text.index('<pre class="term one"') :].partition("</pre>")[0])
     assert "exceptiondrive receipt verify receipt-s0000000kq.json --key receipt-keys.json" in line
+
+
+async def test_an_entry_of_an_old_board_leads_to_its_sheet_and_receipt_and_to_no_badge(
+    lively_site: Any, empty_board: Board
+) -> None:
+    """The badge tells how the entry stands now."""
+    assert 'href="/badges/' in (await lively_site.get(ENTRY)).text
     lively_site.publish(empty_board)
-    assert "/receipt" not in (await lively_site.get(ENTRY)).text  # only of current boards
+    at = "/api/v1/entries/s0000000kq"
+    for page in (ENTRY, f"{ENTRY}?phase=sample&board=1"):
+        old = (await lively_site.get(page)).text
+        links = set(re.findall(r'href="(/(?:api|badges)/[^"]*s0000000kq[^"]*)"', old))
+        assert links == {f"{at}?board=1", f"{at}/receipt?board=1"}
 
 
 async def test_strategy_entries_have_the_same_page_without_drawings(shown_site: Any) -> None:

@@ -223,7 +223,9 @@ async def test_an_entry_that_left_is_compared_on_the_board_that_shows_it(
     assert found
     for address in found:
         assert (await lively_site.get(html.unescape(address))).status_code == 200
-    assert "/api/v1/entries/" not in text  # it stands on no board now: nothing is given out
+    given = re.findall(r"/api/v1/entries/[^\"]*", text)
+    assert given  # it stands on no board now: only what that one told is given out
+    assert all(address.endswith("?board=1") for address in given)
 
 
 def test_a_range_of_one_rank_says_on_what_it_rests(lively_board: Board) -> None:
@@ -299,7 +301,7 @@ def test_a_citation_cannot_be_left_by_what_a_team_writes(lively_board: Board) ->
     assert "\\input" not in cited
     assert "https://x.test/a%7D%5Cinput%7B/etc/passwd%7D%20b" in cited
     unlinked = entry.model_copy(update={"links": Links()})
-    own = f"https://site.test/entries/{entry.submission_id}"
+    own = f"url    = {{https://site.test/entries/{entry.submission_id}?phase=sample&board=7}}"
     assert own in entry_bibtex(lively_board, unlinked, "https://site.test")
 
 

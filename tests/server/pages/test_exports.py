@@ -38,6 +38,7 @@ def test_latex_is_a_booktabs_table_with_the_published_digits(
     cells = [by_key.get(metric.key, "--") for metric in columns]  # of this board no other is told
     assert " & ".join(["1", r"\textbf{Kestrel-2}", *cells]) + r" \\" in text
     assert "6 & nerve (Blind to the edit) & 22.18" in text
+    assert r" (62.00 \% answered) &" in text, "why it has no rank"
     assert "-- & FREEZE (reference, Stands still) & 97.20" in text
     assert "ST-P3" not in text
     assert f"{SITE}/?phase=sample&board=7" in text
@@ -130,6 +131,7 @@ def test_csv_holds_every_entry_with_stable_columns(
 ) -> None:
     rows = list(csv.DictReader(io.StringIO(comma_separated(lively_board, protocol, SITE))))
     assert len(rows) == len([e for e in lively_board.entries if e.source != "reported"])
+    assert (rows[0]["phase"], rows[0]["board"]) == ("sample", "7")
     assert (rows[0]["rank"], rows[0]["hcc"], rows[0]["hcc_low"]) == ("1", "0.614", "0.573")
     assert rows[-1]["rank"] == ""
     assert {row["source"] for row in rows} == {"scored", "reference"}
@@ -160,6 +162,7 @@ def test_csv_has_columns_for_what_a_board_can_tell(
     told, other, *_ = rows_of(with_controls)
     assert (told["over_caution"], other["over_caution"]) == ("0.14", "")
     assert told["hcc"] == first["hcc"]
+    assert told["is_late"] == "False"
     imported, *_ = read_rows(comma_separated(with_controls, protocol, SITE), PLANNING)
     assert imported.metrics["hcc"] == float(first["hcc"]), "it can be imported beside another board"
 
