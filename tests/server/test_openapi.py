@@ -247,7 +247,7 @@ def test_no_answer_on_a_hidden_split_has_a_field_for_what_is_withheld(api: "Api"
 
 
 def wrong_bodies_are_refused(ctx: CheckContext, response: Any, case: "Case[Any]") -> bool | None:
-    """Unknown parameters of an address are let be, as on the web; a wrong body never is."""
+    """Of an address alone it cannot be told what is wrong: an empty text is a word, too; a wrong body is refused."""
     parts = {} if case.meta is None else case.meta.components
     wrong = {part for part, info in parts.items() if info.mode.is_negative}
     if wrong != {ParameterLocation.BODY}:
