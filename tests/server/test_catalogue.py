@@ -1,5 +1,6 @@
 """GET /phases, /splits, /protocols, /tasks, /schemas, /examples, /entries, /me."""
 
+import gzip
 import json
 from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
@@ -98,6 +99,22 @@ def test_a_development_split_is_downloaded_whole(api: "Api", split_document: byt
     assert again.headers["vary"] == response.headers["vary"] == "Accept-Encoding"
     assert again.status_code == 304
     assert api.get("/phases/dev").json()["split_is_public"] is True
+
+
+@pytest.mark.parametrize("accepted", ["gzip", "identity", "", "gzip;q=0"])
+def test_a_packed_split_goes_out_packed_to_who_takes_it_and_is_json_to_all(
+    api: "Api", split_document: bytes, accepted: str
+) -> None:
+    digest, _ = api.services.files.put_stream([gzip.compress(split_document)], limit_bytes=10_000)
+    with api.database.write() as session:
+        publish_split(session, "sample", "sha256:" + "5" * 64, digest, "test")
+    answer = api.get("/splits/sample", headers={"Accept-Encoding": accepted})
+    assert answer.headers.get("content-encoding") == ("gzip" if accepted == "gzip" else None)
+    assert answer.content == split_document
+    assert answer.headers["content-type"] == "application/json"
+    assert answer.headers["content-disposition"] == 'attachment; filename="sample.json"'
+    tag = {"Accept-Encoding": accepted, "If-None-Match": answer.headers["etag"]}
+    assert api.get("/splits/sample", headers=tag).status_code == 304
 
 
 def test_until_a_later_revision_is_in_force_a_split_is_downloaded_as_it_stands(

@@ -62,6 +62,12 @@ def permalink(board: Board, site_url: str) -> str:
     return f"{site_url}/?phase={board.phase}&board={board.board}"
 
 
+def named(board: Board, form: str) -> dict[str, str]:
+    """Return the header that names the file of a board."""
+    name = f"exceptiondrive-{board.phase}-board-{board.board}.{form}"
+    return {"Content-Disposition": f'attachment; filename="{name}"'}
+
+
 def tex_escape(text: str) -> str:
     """Return text that LaTeX prints as it is."""
     return one_line(text).translate(_TEX)

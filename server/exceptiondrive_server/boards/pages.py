@@ -15,7 +15,7 @@ from exceptiondrive_records.submissions.submissions import ids_of_team
 from exceptiondrive_schemas.challenges import CHALLENGES, KnownChallenge
 from exceptiondrive_schemas.protocol import packaged_protocol
 from exceptiondrive_schemas.reported import reported_paper
-from exceptiondrive_server.boards.exports import EXPORTS, atom_feed
+from exceptiondrive_server.boards.exports import EXPORTS, atom_feed, named
 from exceptiondrive_server.boards.headline import own_entries
 from exceptiondrive_server.boards.lead_chart import lead_chart, takers
 from exceptiondrive_server.boards.page import NARROW_PX, PhaseLink
@@ -183,9 +183,8 @@ def export_board(
     with services.database.read() as session:
         board, protocol, facts = asked_entries(session, query)
     text = export.write(board, protocol, origin_of(request), facts)
-    name = f"exceptiondrive-{board.phase}-board-{board.board}.{form}"
-    headers = {**SECURITY_HEADERS, "Content-Disposition": f'attachment; filename="{name}"'}
-    return Response(text, media_type=export.media_type, headers=headers)
+    headers = {**SECURITY_HEADERS, **named(board, form)}
+    return conditional(request, text.encode(), export.media_type, headers=headers)
 
 
 @router.get("/feed.atom")

@@ -181,6 +181,17 @@ async def test_exports_are_downloads_of_one_board(lively_site: Any, form: str) -
     assert answer.headers["content-disposition"] == (
         f'attachment; filename="exceptiondrive-sample-board-1.{form}"'
     )
+    tag = answer.headers["etag"]
+    again = await lively_site.get(f"/export/board.{form}?phase=sample&board=1", if_none_match=tag)
+    assert (again.status_code, again.content) == (304, b"")
+
+
+async def test_the_csv_of_page_and_api_is_the_same_file(lively_site: Any) -> None:
+    page = await lively_site.get("/export/board.csv?phase=sample&board=1")
+    api = await lively_site.get("/api/v1/leaderboard.csv?phase=sample&board=1", accept="*/*")
+    assert page.content == api.content
+    for name in ("etag", "content-disposition", "content-type"):
+        assert page.headers[name] == api.headers[name]
 
 
 async def test_an_unknown_export_is_not_found(lively_site: Any) -> None:
