@@ -197,6 +197,7 @@ def test_the_headers_that_clients_go_by_stand_in_the_document(api: "Api") -> Non
         return set(response.get("headers", {}))
 
     assert "Location" in headers("/api/v1/submissions", "post", "202")
+    assert "Location" in headers("/api/v1/contacts", "post", "201")
     assert headers("/api/v1/leaderboard", "get", "200") == {"ETag", "Link"}
     for path, method, operation in operations(document):
         for status in operation["responses"]:
