@@ -81,12 +81,23 @@ def test_the_manifest_holds_ids_and_nothing_withheld(api: "Api") -> None:
     }  # fmt: skip
 
 
-def test_a_hidden_split_is_404_in_the_words_for_an_unknown_one(
+def test_a_withheld_split_is_told_so_where_readers_know_of_it_and_else_is_unknown(
     api: "Api", as_problem: Problem
 ) -> None:
-    hidden = as_problem(api.get("/splits/sample"), 404, "not_found")["detail"]
-    unknown = as_problem(api.get("/splits/nothing"), 404, "not_found")["detail"]
-    assert hidden.replace("sample", "nothing") == unknown
+    with api.database.write() as session:
+        manifest = find_split(session, "sample").manifest.model_copy(update={"name": "spare"})
+        register_split(session, manifest, {"sudden_emergence": 3}, "test")
+
+    def told(name: str) -> str:
+        return str(as_problem(api.get(f"/splits/{name}"), 404, "not_found")["detail"])
+
+    assert told("sample") == "There is no file of split 'sample', which is withheld."
+    assert told("nothing") == "There is no split 'nothing'."
+    assert told("spare") == told("nothing").replace("nothing", "spare"), "no phase uses it"
+    with api.database.write() as session:
+        for phase in list_phases(session):
+            phase.visibility = "hidden"
+    assert told("sample") == told("nothing").replace("nothing", "sample")
 
 
 def test_a_development_split_is_downloaded_whole(api: "Api", split_document: bytes) -> None:
