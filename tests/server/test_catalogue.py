@@ -11,6 +11,7 @@ import pytest
 from exceptiondrive_records.accounts.roles import OrganizerRole
 from exceptiondrive_records.accounts.tokens import SCOPES_OF_ROLE, issue_token
 from exceptiondrive_records.phases.phases import list_phases
+from exceptiondrive_records.protocols.protocols import add_protocol
 from exceptiondrive_records.splits.splits import find_split, publish_split, register_split
 from exceptiondrive_schemas.api.submission import Me, PhaseView
 from exceptiondrive_schemas.protocol import packaged_protocol_toml, parse_protocol
@@ -200,6 +201,17 @@ def test_tasks_are_21_in_six_families(api: "Api") -> None:
     taxonomy = Taxonomy.model_validate_json(api.get("/tasks").content)
     assert (len(taxonomy.tasks), len(taxonomy.families)) == (21, 6)
     assert api.get("/tasks?protocol=1.0").json() == api.get("/tasks").json()
+
+
+def test_tasks_tell_the_clearance_that_is_required_after_scaling(api: "Api") -> None:
+    toml = packaged_protocol_toml("1.0").replace('version = "1.0"', 'version = "1.5"')
+    toml = toml.replace("d_safe_scale = 1.0", "d_safe_scale = 1.5")
+    with api.database.write() as session:
+        digest = add_protocol(session, toml, "test").digest
+        for phase in list_phases(session):
+            phase.protocol_digest = digest
+    told = [task["d_safe_m"] for task in api.get("/tasks?protocol=1.5").json()["tasks"]]
+    assert told == [1.5 * task.d_safe_m for task in parse_protocol(toml).tasks]
 
 
 def test_every_document_has_a_schema_and_an_example(api: "Api") -> None:

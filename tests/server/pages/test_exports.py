@@ -232,6 +232,7 @@ async def test_the_feed_lists_boards_newest_first(lively_site: Any, empty_board:
     said = [entry.findtext("a:summary", "", name) for entry in feed.findall("a:entry", name)]
     assert said[0].startswith("No planner is ranked on this board yet.")
     assert said[1].startswith(newly)
+    assert said[1].endswith(" Protocol 1.0.")
     assert "Of 6 ranked planners, Kestrel-2 leads, though 1 other could be first: it" in said[1]
     assert feed.findtext("a:id", "", name) == "http://site.test/feed.atom?phase=sample"
     assert feed.findtext("a:title", "", name) == "ExceptionDrive: Sample"
@@ -239,7 +240,7 @@ async def test_the_feed_lists_boards_newest_first(lively_site: Any, empty_board:
 
 def test_a_feed_is_as_new_as_the_newest_that_it_tells() -> None:
     opened, newer = datetime(2026, 11, 1, tzinfo=UTC), datetime(2026, 11, 9, tzinfo=UTC)
-    board = exports.BoardNote(1, "sha256:00", "1.1", newer, "", "")
+    board = exports.BoardNote(1, "1.1", newer, "", "")
     history = exports.History(
         "sample", "Sample", (board,), (exports.PhaseDate("opened", opened, "It opened"),)
     )
