@@ -12,7 +12,13 @@ from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.boards.standings import whole_sheets
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.columns import is_one_of
-from exceptiondrive_records.db.errors import Conflict, InvalidRecord, NotFound, NotListed, PhaseClosed
+from exceptiondrive_records.db.errors import (
+    Conflict,
+    InvalidRecord,
+    NotFound,
+    NotListed,
+    PhaseClosed,
+)
 from exceptiondrive_records.db.identifiers import (
     checked_link,
     checked_name,

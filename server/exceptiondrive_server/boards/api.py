@@ -167,9 +167,7 @@ def get_board_csv(request: Request, services: ServicesOf, query: BoardQueryOf) -
     csv = EXPORTS["csv"]
     text = csv.write(board, protocol, origin_of(request), facts)
     max_age_s, headers = services.settings.board_max_age_s, named(board, "csv")
-    return conditional(
-        request, text.encode(), csv.media_type, max_age_s=max_age_s, headers=headers
-    )
+    return conditional(request, text.encode(), csv.media_type, max_age_s=max_age_s, headers=headers)
 
 
 @router.get(

@@ -19,7 +19,9 @@ async def known_parameters(request: Request) -> None:
     assert isinstance(route, APIRoute)
     told = (route.openapi_extra or {}).get("parameters", ())  # those that a route reads itself
     known = {each["name"] for each in told}
-    known |= {it.alias for it in get_flat_params(route.dependant) if isinstance(it.field_info, Query)}
+    known |= {
+        it.alias for it in get_flat_params(route.dependant) if isinstance(it.field_info, Query)
+    }
     if unknown := [name for name in request.query_params if name not in known]:
         raise RequestValidationError(
             [{"type": "extra_forbidden", "loc": ("query", name), "msg": ""} for name in unknown]
