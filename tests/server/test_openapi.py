@@ -282,6 +282,9 @@ REFUSED_BY_MEANING = {
     "POST /api/v1/submissions": "facts are JSON in a field of a form",
     "GET /api/v1/leaderboard": "each board has its own metrics to sort by",
     "GET /api/v1/leaderboard.csv": "each board has its own metrics to sort by",
+    "GET /api/v1/leaderboard/facts": "a board is asked for by its number, date or protocol alone",
+    "GET /api/v1/notifications": "a page begins after a message of the team",
+    "GET /api/v1/submissions": "a page begins after a submission of the team",
 }
 """What a schema allows and may be refused none the less, and why."""
 
@@ -315,7 +318,7 @@ def test_what_may_be_refused_by_its_meaning_is_an_operation(api: "Api") -> None:
         f"{method.upper()} {path}"
         for path, method, operation in operations(api.app.openapi())
         if "requestBody" in operation
-        or "sort" in {it["name"] for it in operation.get("parameters", ())}
+        or {"sort", "after"} & {it["name"] for it in operation.get("parameters", ())}
     }
     assert set(REFUSED_BY_MEANING) <= labels
 
