@@ -188,6 +188,8 @@ class PairedDifference(Document):
     """Of the difference, at the confidence of the board; None: it has none."""
     discordant: float | None
     verdict: str
+    """In words, with the names of methods. A program goes by `interval`: where it is null or holds 0 the two
+    are not told apart, else the first has the higher value above 0 and the lower one below."""
 
 
 class ReminderEffect(Document):

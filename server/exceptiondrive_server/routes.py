@@ -63,6 +63,7 @@ from exceptiondrive_server.teams import pages as team_pages
 from exceptiondrive_server.web import health, responses
 from exceptiondrive_server.web.auth import organizer
 from exceptiondrive_server.web.organizer_frame import organizing
+from exceptiondrive_server.web.parameters import known_parameters
 from exceptiondrive_server.web.problems import problem_responses
 
 API = "/api/v1"
@@ -102,7 +103,7 @@ class _Api(APIRouter):
         return super().matches(scope) if f"{API}/" in scope["path"] else (Match.NONE, {})
 
 
-_API = _Api()
+_API = _Api(dependencies=[Depends(known_parameters)])
 for _part in (
     phases.router,
     participation.router,

@@ -97,7 +97,7 @@ def test_what_was_applied_or_taken_back_behind_a_hidden_phase_is_told_once_it_is
     assert told() == [], "it is hidden still"
     life.change({"visibility": "shown"})
     assert told() == ["Trial now stands under protocol 9.0"]
-    assert "Protocol 9.0, content" in life.get("/feed.atom?phase=test").text
+    assert "Protocol 9.0." in life.get("/feed.atom?phase=test").text
     for visibility in ("hidden", "shown"):
         life.change({"visibility": visibility})
     assert len(told()) == 1, "once"

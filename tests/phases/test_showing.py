@@ -232,7 +232,7 @@ def test_late_entries_rank_on_their_own_view_and_move_no_rank(life: "Life") -> N
     page = life.get("/?phase=test&view=late")
     assert "Gamma Works" in page.text
     assert "view=late" in life.get("/?phase=test").text
-    assert life.get("/api/v1/leaderboard?phase=test&view=late&as_of=2026-01-01").status_code == 404
+    assert life.get("/api/v1/leaderboard?phase=test&view=late&as_of=2026-01-01").status_code == 400
 
 
 def test_every_link_of_the_late_view_leads_somewhere(life: "Life") -> None:

@@ -38,6 +38,9 @@ def test_an_update_goes_from_document_to_rollback_over_the_api(
     preview = api("GET", f"{path}/preview").json()
     csv = api("GET", f"{path}/preview.csv").text.splitlines()
     assert len(csv) == 1 + preview["comparison"]["n_entries"]
+    told = list(DictReader(csv))
+    assert {"old_rank_low", "new_rank_high", "new_hcc.sudden_emergence"} <= set(told[0])
+    assert {row["newly_failing"] for row in told} == {"False"}, "as in the board's CSV"
     assert compared(csv) == {("apply", "dev", "1.0", "1.1")}
     stale = api("POST", f"{path}/apply", json={"preview": "sha256:0", **REASON})
     assert (stale.status_code, "or it never was one" in stale.json()["detail"]) == (409, True)

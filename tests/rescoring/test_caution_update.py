@@ -132,9 +132,9 @@ def test_a_csv_carries_the_reminders_effect_before_and_after(
     head, *lines = (line.split(",") for line in path.read_text().splitlines())
     rows = {row["method"]: row for row in (dict(zip(head, line, strict=True)) for line in lines)}
     linked = rows["agent+reminder"]
-    assert float(linked["old_reminder_effect.under_warning"]) == pytest.approx(-1 / 6, abs=1e-4)
-    assert float(linked["new_reminder_effect.under_warning"]) == pytest.approx(-1 / 2, abs=1e-4)
-    assert rows["agent"]["new_reminder_effect.under_warning"] == ""
+    assert float(linked["old_under_warning.reminder_effect"]) == pytest.approx(-1 / 6, abs=1e-4)
+    assert float(linked["new_under_warning.reminder_effect"]) == pytest.approx(-1 / 2, abs=1e-4)
+    assert rows["agent"]["new_under_warning.reminder_effect"] == ""
 
 
 def test_a_team_is_told_when_only_the_effect_of_its_reminder_changes(agents: Stage) -> None:

@@ -191,7 +191,7 @@ def test_a_date_that_is_none_is_named(lively: "Api", as_problem: Problem, as_of:
 
 def test_a_date_and_a_protocol_together_are_refused(lively: "Api", as_problem: Problem) -> None:
     response = lively.get("/leaderboard?as_of=2026-11-21&protocol=1.0")
-    as_problem(response, 404, "not_found")
+    assert list(as_problem(response, 400, "bad_request")["fields"]) == ["as_of"]
 
 
 def test_every_board_keeps_its_address(

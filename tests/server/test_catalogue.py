@@ -1,5 +1,6 @@
 """GET /phases, /splits, /protocols, /tasks, /schemas, /examples, /entries, /me."""
 
+import gzip
 import json
 from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
@@ -10,6 +11,7 @@ import pytest
 from exceptiondrive_records.accounts.roles import OrganizerRole
 from exceptiondrive_records.accounts.tokens import SCOPES_OF_ROLE, issue_token
 from exceptiondrive_records.phases.phases import list_phases
+from exceptiondrive_records.protocols.protocols import add_protocol
 from exceptiondrive_records.splits.splits import find_split, publish_split, register_split
 from exceptiondrive_schemas.api.submission import Me, PhaseView
 from exceptiondrive_schemas.protocol import packaged_protocol_toml, parse_protocol
@@ -80,12 +82,23 @@ def test_the_manifest_holds_ids_and_nothing_withheld(api: "Api") -> None:
     }  # fmt: skip
 
 
-def test_a_hidden_split_is_404_in_the_words_for_an_unknown_one(
+def test_a_withheld_split_is_told_so_where_readers_know_of_it_and_else_is_unknown(
     api: "Api", as_problem: Problem
 ) -> None:
-    hidden = as_problem(api.get("/splits/sample"), 404, "not_found")["detail"]
-    unknown = as_problem(api.get("/splits/nothing"), 404, "not_found")["detail"]
-    assert hidden.replace("sample", "nothing") == unknown
+    with api.database.write() as session:
+        manifest = find_split(session, "sample").manifest.model_copy(update={"name": "spare"})
+        register_split(session, manifest, {"sudden_emergence": 3}, "test")
+
+    def told(name: str) -> str:
+        return str(as_problem(api.get(f"/splits/{name}"), 404, "not_found")["detail"])
+
+    assert told("sample") == "There is no file of split 'sample', which is withheld."
+    assert told("nothing") == "There is no split 'nothing'."
+    assert told("spare") == told("nothing").replace("nothing", "spare"), "no phase uses it"
+    with api.database.write() as session:
+        for phase in list_phases(session):
+            phase.visibility = "hidden"
+    assert told("sample") == told("nothing").replace("nothing", "sample")
 
 
 def test_a_development_split_is_downloaded_whole(api: "Api", split_document: bytes) -> None:
@@ -98,6 +111,22 @@ def test_a_development_split_is_downloaded_whole(api: "Api", split_document: byt
     assert again.headers["vary"] == response.headers["vary"] == "Accept-Encoding"
     assert again.status_code == 304
     assert api.get("/phases/dev").json()["split_is_public"] is True
+
+
+@pytest.mark.parametrize("accepted", ["gzip", "identity", "", "gzip;q=0"])
+def test_a_packed_split_goes_out_packed_to_who_takes_it_and_is_json_to_all(
+    api: "Api", split_document: bytes, accepted: str
+) -> None:
+    digest, _ = api.services.files.put_stream([gzip.compress(split_document)], limit_bytes=10_000)
+    with api.database.write() as session:
+        publish_split(session, "sample", "sha256:" + "5" * 64, digest, "test")
+    answer = api.get("/splits/sample", headers={"Accept-Encoding": accepted})
+    assert answer.headers.get("content-encoding") == ("gzip" if accepted == "gzip" else None)
+    assert answer.content == split_document
+    assert answer.headers["content-type"] == "application/json"
+    assert answer.headers["content-disposition"] == 'attachment; filename="sample.json"'
+    tag = {"Accept-Encoding": accepted, "If-None-Match": answer.headers["etag"]}
+    assert api.get("/splits/sample", headers=tag).status_code == 304
 
 
 def test_until_a_later_revision_is_in_force_a_split_is_downloaded_as_it_stands(
@@ -172,6 +201,17 @@ def test_tasks_are_21_in_six_families(api: "Api") -> None:
     taxonomy = Taxonomy.model_validate_json(api.get("/tasks").content)
     assert (len(taxonomy.tasks), len(taxonomy.families)) == (21, 6)
     assert api.get("/tasks?protocol=1.0").json() == api.get("/tasks").json()
+
+
+def test_tasks_tell_the_clearance_that_is_required_after_scaling(api: "Api") -> None:
+    toml = packaged_protocol_toml("1.0").replace('version = "1.0"', 'version = "1.5"')
+    toml = toml.replace("d_safe_scale = 1.0", "d_safe_scale = 1.5")
+    with api.database.write() as session:
+        digest = add_protocol(session, toml, "test").digest
+        for phase in list_phases(session):
+            phase.protocol_digest = digest
+    told = [task["d_safe_m"] for task in api.get("/tasks?protocol=1.5").json()["tasks"]]
+    assert told == [1.5 * task.d_safe_m for task in parse_protocol(toml).tasks]
 
 
 def test_every_document_has_a_schema_and_an_example(api: "Api") -> None:

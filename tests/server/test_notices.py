@@ -58,6 +58,7 @@ def add(api: "Api", *wishes: str, who: str = "alpha") -> dict[str, Any]:
     answer = api.post("/contacts", who, json=wanted)
     assert answer.status_code == 201, answer.text
     found: dict[str, Any] = answer.json()
+    assert answer.headers["location"] == f"/api/v1/contacts/{found['id']}"
     return found
 
 
@@ -805,7 +806,7 @@ def test_every_message_is_found_however_many_there_are(
     first = api.get("/notifications?limit=100", "alpha").json()
     rest = api.get(f"/notifications?limit=100&after={first[-1]['id']}", "alpha").json()
     assert {one["title"] for one in (*first, *rest)} == found
-    as_problem(api.get(f"/notifications?after={other.id}", "alpha"), 404, "not_found")
+    as_problem(api.get(f"/notifications?after={other.id}", "alpha"), 400, "bad_request")
 
 
 def test_the_page_shows_inbox_and_addresses(api: "Api", browse: Browse) -> None:

@@ -197,6 +197,7 @@ def test_the_headers_that_clients_go_by_stand_in_the_document(api: "Api") -> Non
         return set(response.get("headers", {}))
 
     assert "Location" in headers("/api/v1/submissions", "post", "202")
+    assert "Location" in headers("/api/v1/contacts", "post", "201")
     assert headers("/api/v1/leaderboard", "get", "200") == {"ETag", "Link"}
     for path, method, operation in operations(document):
         for status in operation["responses"]:
@@ -247,7 +248,7 @@ def test_no_answer_on_a_hidden_split_has_a_field_for_what_is_withheld(api: "Api"
 
 
 def wrong_bodies_are_refused(ctx: CheckContext, response: Any, case: "Case[Any]") -> bool | None:
-    """Unknown parameters of an address are let be, as on the web; a wrong body never is."""
+    """Of an address alone it cannot be told what is wrong: an empty text is a word, too; a wrong body is refused."""
     parts = {} if case.meta is None else case.meta.components
     wrong = {part for part, info in parts.items() if info.mode.is_negative}
     if wrong != {ParameterLocation.BODY}:
@@ -281,6 +282,9 @@ REFUSED_BY_MEANING = {
     "POST /api/v1/submissions": "facts are JSON in a field of a form",
     "GET /api/v1/leaderboard": "each board has its own metrics to sort by",
     "GET /api/v1/leaderboard.csv": "each board has its own metrics to sort by",
+    "GET /api/v1/leaderboard/facts": "a board is asked for by its number, date or protocol alone",
+    "GET /api/v1/notifications": "a page begins after a message of the team",
+    "GET /api/v1/submissions": "a page begins after a submission of the team",
 }
 """What a schema allows and may be refused none the less, and why."""
 
@@ -314,7 +318,7 @@ def test_what_may_be_refused_by_its_meaning_is_an_operation(api: "Api") -> None:
         f"{method.upper()} {path}"
         for path, method, operation in operations(api.app.openapi())
         if "requestBody" in operation
-        or "sort" in {it["name"] for it in operation.get("parameters", ())}
+        or {"sort", "after"} & {it["name"] for it in operation.get("parameters", ())}
     }
     assert set(REFUSED_BY_MEANING) <= labels
 

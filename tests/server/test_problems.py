@@ -79,6 +79,32 @@ def test_another_method_is_405_and_names_those_that_are_taken(
     assert method not in response.json()["detail"]
 
 
+@pytest.mark.parametrize(
+    "address",
+    [
+        "/leaderboard?phase=dev&as_off=2020-01-01",  # reads its address itself
+        "/leaderboard.csv?phase=dev&hide=ur",  # of the page alone
+        "/leaderboard/facts?phase=dev&hide=ur",
+        "/boards/dev/1?number=2",
+        "/splits/sample?revison=abc",
+        "/entries/abc?protcol=1.0",
+        "/submissions?statuss=scored",
+        "/organizer/audit?actr=x",
+    ],
+)
+def test_an_unknown_parameter_is_refused_and_not_passed_over(
+    api: "Api", as_problem: Problem, address: str
+) -> None:
+    answer = api.get(address, "organizer" if "organizer" in address else "alpha")
+    name = address.rpartition("=")[0].replace("?", "&").rpartition("&")[2]
+    problem = as_problem(answer, 400, "bad_request")
+    assert problem["fields"] == {name: "There is no such field; leave it out."}
+
+
+def test_a_page_passes_over_what_links_from_elsewhere_carry(api: "Api") -> None:
+    assert api.client.get("/protocols?utm_source=mail").status_code == 200
+
+
 @pytest.mark.parametrize("name", ["rules", "closing_date"])
 def test_an_unknown_field_is_named_where_its_name_is_plain(
     api: "Api", as_problem: Problem, name: str

@@ -86,9 +86,12 @@ def test_a_wrong_filter_is_named(api: "Api", as_problem: Problem, query: str) ->
     assert list(problem["fields"]) == [query.split("=")[0]]
 
 
-def test_a_page_after_another_teams_submission_is_404(api: "Api", as_problem: Problem) -> None:
+def test_a_page_after_another_teams_submission_is_refused(api: "Api", as_problem: Problem) -> None:
     (other,) = submit_all(api, "beta", "a")
-    as_problem(api.get(f"/submissions?after={other}", "alpha"), 404, "not_found")
+    problem = as_problem(api.get(f"/submissions?after={other}", "alpha"), 400, "bad_request")
+    assert problem["fields"] == {"after": "must be taken from the page before"}
+    unknown = as_problem(api.get("/submissions?after=nothing", "alpha"), 400, "bad_request")
+    assert unknown["detail"] == problem["detail"]
 
 
 def test_a_submission_is_shown_with_its_sheet_once_scored(api: "Api") -> None:

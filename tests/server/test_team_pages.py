@@ -335,7 +335,7 @@ def test_another_teams_submission_is_not_there(api: "Api", alpha: "TeamBrowser",
         told.append(answer.json()["detail"].replace(submission_id, "X"))
     assert told[0] == told[1]
     assert api.get(f"/submissions/{theirs}", "beta").json()["status"] == "received"
-    assert alpha.get(f"/my?after={theirs}").status_code == 404
+    assert alpha.get(f"/my?after={theirs}").status_code == 400
 
 
 def test_the_page_of_a_rejected_file_lists_its_faults_safely(

@@ -220,6 +220,7 @@ class EntryChange(Document):
     team: str
     change: Change
     newly_failing: bool
+    """It had a rank and has none."""
     old: Standing | None
     new: Standing | None
     rank_shift: int | None

@@ -27,6 +27,16 @@ class InvalidRecord(RecordsError):
         super().__init__(detail)
 
 
+class NotListed(InvalidRecord):
+    """A list is to go on after something that does not stand in it."""
+
+    def __init__(self) -> None:
+        super().__init__(
+            "The list has no such place: begin with its first page.",
+            {"after": "must be taken from the page before"},
+        )
+
+
 class NotFound(RecordsError):
     """There is no such thing, or it is not the asker's to see: the sentence is the same."""
 

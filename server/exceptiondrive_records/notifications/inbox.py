@@ -9,7 +9,7 @@ from sqlalchemy import Select, func, select, tuple_, update
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.db.clock import database_now
-from exceptiondrive_records.db.errors import NotFound
+from exceptiondrive_records.db.errors import NotFound, NotListed
 from exceptiondrive_records.db.identifiers import random_id
 from exceptiondrive_records.notifications.tables import ContactPoint, Delivery, Notification
 from exceptiondrive_records.phases.tables import Phase
@@ -235,11 +235,14 @@ def list_notifications(
     """Return the inbox of a team, newest first, continuing after the message `after`.
 
     Raises:
-        NotFound: `after` is no message of the team.
+        NotListed: `after` is no message of the team.
     """
     query = _inbox(select(Notification), team_id, only_unread=only_unread)
     if after is not None:
-        last = _find(session, team_id, after)
+        try:
+            last = _find(session, team_id, after)
+        except NotFound:
+            raise NotListed from None
         place = tuple_(Notification.created_at, Notification.id)
         query = query.where(place < tuple_(last.created_at, last.id))
     newest_first = Notification.created_at.desc(), Notification.id.desc()

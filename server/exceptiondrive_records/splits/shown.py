@@ -96,7 +96,8 @@ def shown_file(session: Session, name: str, revision: str | None) -> SplitRow:
     else:
         row = shown_revision(session, name, revision)
     if row.public_file_digest is None:
-        raise NotFound("split", name)
+        of_known = ("file of split", name, ", which is withheld")
+        raise NotFound(*(("split", name) if is_used is None else of_known))
     return row
 
 

@@ -12,7 +12,13 @@ from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.boards.standings import whole_sheets
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.columns import is_one_of
-from exceptiondrive_records.db.errors import Conflict, InvalidRecord, NotFound, PhaseClosed
+from exceptiondrive_records.db.errors import (
+    Conflict,
+    InvalidRecord,
+    NotFound,
+    NotListed,
+    PhaseClosed,
+)
 from exceptiondrive_records.db.identifiers import (
     checked_link,
     checked_name,
@@ -473,7 +479,7 @@ def submission_page(
     This page begins after the submission `after`.
 
     Raises:
-        NotFound: `after` is no submission that could be listed.
+        NotListed: `after` is no submission that could be listed.
     """
     query = select(Submission).order_by(Submission.received_at.desc(), Submission.id.desc())
     if team_id is not None:
@@ -483,7 +489,10 @@ def submission_page(
     if status is not None:
         query = query.where(Submission.status == status)
     if after is not None:
-        last = find_submission(session, after, team_id=team_id)
+        try:
+            last = find_submission(session, after, team_id=team_id)
+        except NotFound:
+            raise NotListed from None
         place = tuple_(Submission.received_at, Submission.id)
         query = query.where(place < tuple_(last.received_at, last.id))
     found = list(session.scalars(query.limit(limit + 1)))

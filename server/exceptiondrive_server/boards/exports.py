@@ -66,6 +66,12 @@ def permalink(board: Board, site_url: str) -> str:
     return f"{site_url}/?{urlencode(board_fields(board))}"
 
 
+def named(board: Board, form: str) -> dict[str, str]:
+    """Return the header that names the file of a board."""
+    name = f"exceptiondrive-{board.phase}-board-{board.board}.{form}"
+    return {"Content-Disposition": f'attachment; filename="{name}"'}
+
+
 def tex_escape(text: str) -> str:
     """Return text that LaTeX prints as it is."""
     return one_line(text).translate(_TEX)
@@ -277,7 +283,6 @@ class BoardNote:
     """One board as it was shown once, in sentences in place of its entries: who leads, what is new, why."""
 
     number: int
-    digest: str
     protocol: str
     shown_from: datetime
     findings: str
@@ -339,12 +344,11 @@ def _board(root: Xml.Element, history: History, board: BoardNote, site_url: str)
     _text(entry, "id", f"{address}#again-{board.again}" if board.again else address)
     _link(entry, address, "alternate")
     _text(entry, "updated", iso(board.shown_from))
-    made_under = f"Protocol {board.protocol}, content {board.digest}."
     said = [
         f"{title} is shown again" if board.again else board.news,
         *board.what_changed,
         board.findings,
-        made_under,
+        f"Protocol {board.protocol}",
     ]
     _text(entry, "summary", " ".join(f"{words.rstrip('.')}." for words in said if words))
 

@@ -413,7 +413,6 @@ def _note_of_board(session: Session, row: BoardRow) -> BoardNote:
     moves = "; ".join(moves_on(board))
     return BoardNote(
         row.number,
-        row.digest,
         protocol.version,
         board.published_at,
         " ".join(said.findings),

@@ -13,7 +13,7 @@ from urllib.parse import urlencode
 from fastapi import Depends, Query, Request
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
-from exceptiondrive_records.db.errors import InvalidRecord, NotFound, RecordsError
+from exceptiondrive_records.db.errors import InvalidRecord
 from exceptiondrive_schemas.api.phase_settings import BoardView
 from exceptiondrive_schemas.board import EntrySource
 from exceptiondrive_schemas.challenges import CHALLENGES, KnownChallenge
@@ -117,8 +117,7 @@ class BoardQuery(BaseModel):
         """Read an address.
 
         Raises:
-            InvalidRecord: A value is not understood.
-            NoSuchBoard: Two of them contradict each other.
+            InvalidRecord: A value is not understood, or two of them contradict each other.
         """
         many: dict[str, list[str]] = {}
         for key, value in pairs:
@@ -272,28 +271,16 @@ def _parameter(name: str, schema: dict[str, Any]) -> dict[str, Any]:
     return {**described, "description": schema["description"], "schema": plain}
 
 
-class NoSuchBoard(NotFound):
-    """Each part of an address is understood, and no board can be all of them."""
-
-    def __init__(self, sentence: str) -> None:
-        RecordsError.__init__(self, sentence)
-
-
-def _refused(error: ValidationError) -> RecordsError:
+def _refused(error: ValidationError) -> InvalidRecord:
     """Name what is wrong and say why; never repeat what was sent."""
     fields: dict[str, str] = {}
-    whole: list[str] = []
     for found in error.errors():
         words = str(found["msg"]).removeprefix("Value error, ")
         if found["loc"] == ("sort",):
             words = sort_words(str(found["input"]), _METRICS)
-        if found["loc"]:
-            name = str(found["loc"][0])
-            fields.setdefault(_ASKED_AS.get(name, name), words)
-        else:
-            whole.append(words)
-    if whole:
-        return NoSuchBoard(" ".join(whole))
+        given = found["loc"] or [key for key in ("as_of", "board", "view") if key in found["input"]]
+        name = str(given[0])
+        fields.setdefault(_ASKED_AS.get(name, name), words.removesuffix("."))
     return InvalidRecord(
         f"These parts of the request are missing or wrong: {', '.join(fields)}.", fields
     )

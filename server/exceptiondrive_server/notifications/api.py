@@ -3,7 +3,7 @@
 from datetime import datetime
 from typing import Annotated
 
-from fastapi import APIRouter, Path, Query
+from fastapi import APIRouter, Path, Query, Response
 from pydantic import BaseModel, Field
 from sqlalchemy.orm import Session
 
@@ -34,6 +34,7 @@ router = APIRouter(
     ),
 )
 
+_LOCATION = {"description": "Where it is changed and removed.", "schema": {"type": "string"}}
 webhooks = APIRouter(tags=["notifications"])
 """What we send ourselves: described, and served nowhere."""
 
@@ -113,9 +114,14 @@ def get_contacts(services: ServicesOf, reader: Reader) -> list[ContactView]:
         return [_with_last_message(session, contact) for contact in contacts]
 
 
-@router.post("/contacts", operation_id="addContact", status_code=201)
+@router.post(
+    "/contacts",
+    operation_id="addContact",
+    status_code=201,
+    responses={201: {"headers": {"Location": _LOCATION}}},
+)
 def post_contact(
-    services: ServicesOf, submitter: Submitter, _: Reader, wanted: NewContact
+    response: Response, services: ServicesOf, submitter: Submitter, _: Reader, wanted: NewContact
 ) -> ContactView:
     """Be told at a webhook or e-mail address; a webhook's secret is shown this once.
 
@@ -138,6 +144,7 @@ def post_contact(
             wishes=wanted.wishes,
             may_be_private=services.settings.webhooks_may_be_private,
         )
+        response.headers["Location"] = f"/api/v1/contacts/{contact.id}"
         secret = contact.secret if contact.channel is Channel.WEBHOOK else None
         return _view(contact).model_copy(update={"secret": secret})
 

@@ -85,8 +85,9 @@ def get_tasks(
         str | None, Query(max_length=100, description="else that of the front page")
     ] = None,
 ) -> Taxonomy:
-    """Give the taxonomy of a protocol: its families and their tasks."""
+    """Give the taxonomy of a protocol: its families and their tasks, with the clearances that it requires."""
     with services.database.read() as session:
-        if protocol is not None:
-            return shown_protocol(session, protocol).taxonomy
-        return featured_protocol(session).taxonomy
+        asked = shown_protocol(session, protocol) if protocol else featured_protocol(session)
+    taxonomy, scale = asked.taxonomy, asked.grading.d_safe_scale
+    scaled = [it.model_copy(update={"d_safe_m": it.d_safe_m * scale}) for it in taxonomy.tasks]
+    return taxonomy.model_copy(update={"tasks": tuple(scaled)})

@@ -24,10 +24,11 @@ def comparison_csv(comparison: Comparison, direction: FlipDirection) -> str:
     if any(_effect(side) for entry in comparison.entries for side in (entry.old, entry.new)):
         columns += [(_REMINDER, key) for key in metrics]
     head = ["submission_id", "team", "method", "change", "newly_failing"]
-    head += ["old_rank", "new_rank", "old_rank_interval", "new_rank_interval"]
+    head += ["old_rank", "new_rank"]
+    head += ["old_rank_low", "old_rank_high", "new_rank_low", "new_rank_high"]
     head += ["old_unranked_because", "new_unranked_because"]
     for family, key in columns:
-        name = key if family == "all" else f"{family}.{key}"
+        name = key if family == "all" else f"{key}.{family}"
         head += [f"old_{name}", f"new_{name}"]
     compared = {
         "direction": direction,
@@ -51,16 +52,16 @@ def comparison_csv(comparison: Comparison, direction: FlipDirection) -> str:
 def _line(entry: EntryChange, columns: list[tuple[str, str]]) -> list[str | float | None]:
     """Cells of an entry; None is written as an empty one."""
     sides = (entry.old, entry.new)
-    spans = [side.rank_interval if side else None for side in sides]
+    spans = [(side and side.rank_interval) or (None, None) for side in sides]
     cells: list[str | float | None] = [
         entry.submission_id,
         spreadsheet_text(entry.team),
         spreadsheet_text(entry.method),
         entry.change,
-        "yes" if entry.newly_failing else "no",
+        entry.newly_failing,
         entry.old_rank,
         entry.new_rank,
-        *(f"{span[0]}..{span[1]}" if span else None for span in spans),
+        *(end for span in spans for end in span),
         *(spreadsheet_text((side and side.unranked_because) or "") for side in sides),
     ]
     for column in columns:

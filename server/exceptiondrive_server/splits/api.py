@@ -1,9 +1,12 @@
 """Development splits: the whole file, regions included. Withheld splits are not found here."""
 
+import gzip
+from collections.abc import Iterator
+from io import BytesIO
 from typing import Annotated
 
 from fastapi import APIRouter, Path, Query, Request
-from fastapi.responses import Response
+from fastapi.responses import Response, StreamingResponse
 
 from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.splits.shown import shown_file, shown_revision
@@ -12,6 +15,7 @@ from exceptiondrive_schemas.check.inflate import GZIP_MAGIC
 from exceptiondrive_schemas.datasheet import Datasheet
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_server.web.auth import ServicesOf
+from exceptiondrive_server.web.compression import takes_gzip
 from exceptiondrive_server.web.etag import UNCHANGED, conditional
 from exceptiondrive_server.web.problems import problem_responses
 
@@ -46,7 +50,7 @@ def get_datasheet(
     responses={
         200: {
             "model": Split,
-            "description": "The split file; `Content-Encoding: gzip` also where nobody asked for it.",
+            "description": "The split file, as gzip to who takes it; its ETag is of the file that is kept.",
         },
         304: UNCHANGED,
         **problem_responses(ProblemCode.NOT_FOUND),
@@ -67,8 +71,22 @@ def download_split(
         lambda: services.files.read(digest, limit_bytes=MAX_SPLIT_BYTES),
         "application/json",
         etag=digest,
-        headers={"Cache-Control": "public, max-age=3600", "Vary": "Accept-Encoding"},
+        headers={
+            "Cache-Control": "public, max-age=3600",
+            "Content-Disposition": f'attachment; filename="{name}.json"',
+            "Vary": "Accept-Encoding",
+        },
     )
-    if bytes(answer.body[:2]) == GZIP_MAGIC:
+    if bytes(answer.body[:2]) != GZIP_MAGIC:
+        return answer
+    if takes_gzip(request.headers.get("accept-encoding", "")):
         answer.headers["Content-Encoding"] = "gzip"
-    return answer
+        return answer
+    del answer.headers["Content-Length"]
+    return StreamingResponse(_inflated(bytes(answer.body)), headers=answer.headers)
+
+
+def _inflated(data: bytes) -> Iterator[bytes]:
+    with gzip.open(BytesIO(data)) as file:
+        while part := file.read(64 * 1024):
+            yield part

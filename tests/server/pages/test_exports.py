@@ -184,6 +184,17 @@ async def test_exports_are_downloads_of_one_board(lively_site: Any, form: str) -
     assert answer.headers["content-disposition"] == (
         f'attachment; filename="exceptiondrive-sample-board-1.{form}"'
     )
+    tag = answer.headers["etag"]
+    again = await lively_site.get(f"/export/board.{form}?phase=sample&board=1", if_none_match=tag)
+    assert (again.status_code, again.content) == (304, b"")
+
+
+async def test_the_csv_of_page_and_api_is_the_same_file(lively_site: Any) -> None:
+    page = await lively_site.get("/export/board.csv?phase=sample&board=1")
+    api = await lively_site.get("/api/v1/leaderboard.csv?phase=sample&board=1", accept="*/*")
+    assert page.content == api.content
+    for name in ("etag", "content-disposition", "content-type"):
+        assert page.headers[name] == api.headers[name]
 
 
 async def test_an_unknown_export_is_not_found(lively_site: Any) -> None:
@@ -224,6 +235,7 @@ async def test_the_feed_lists_boards_newest_first(lively_site: Any, empty_board:
     said = [entry.findtext("a:summary", "", name) for entry in feed.findall("a:entry", name)]
     assert said[0].startswith("No planner is ranked on this board yet.")
     assert said[1].startswith(newly)
+    assert said[1].endswith(" Protocol 1.0.")
     assert "Of 6 ranked planners, Kestrel-2 leads, though 1 other could be first: it" in said[1]
     assert feed.findtext("a:id", "", name) == "http://site.test/feed.atom?phase=sample"
     assert feed.findtext("a:title", "", name) == "ExceptionDrive: Sample"
@@ -231,7 +243,7 @@ async def test_the_feed_lists_boards_newest_first(lively_site: Any, empty_board:
 
 def test_a_feed_is_as_new_as_the_newest_that_it_tells() -> None:
     opened, newer = datetime(2026, 11, 1, tzinfo=UTC), datetime(2026, 11, 9, tzinfo=UTC)
-    board = exports.BoardNote(1, "sha256:00", "1.1", newer, "", "")
+    board = exports.BoardNote(1, "1.1", newer, "", "")
     history = exports.History(
         "sample", "Sample", (board,), (exports.PhaseDate("opened", opened, "It opened"),)
     )

@@ -187,6 +187,7 @@ async def test_without_any_public_split_the_board_offers_no_scenes(lively_site: 
     assert 'id="scenes"' not in (await lively_site.get("/")).text
     words = read((await lively_site.get(SCENES)).text).text
     assert "Nothing of this phase is drawn" in words
+    assert "#scenes" not in (await lively_site.get(SCENES)).text, "the board has no such place"
     assert "within seconds" not in words
     assert "One scene of each hazard family" not in words
     assert "/scenes" not in (await lively_site.get("/splits/sample")).text
@@ -194,6 +195,7 @@ async def test_without_any_public_split_the_board_offers_no_scenes(lively_site: 
 
 async def test_the_page_of_a_public_split_leads_to_its_scenes(drawn_site: Any) -> None:
     assert 'href="/scenes?phase=sample"' in (await drawn_site.get("/splits/sample")).text
+    assert 'href="/?phase=sample#scenes"' in (await drawn_site.get(SCENES)).text
 
 
 async def test_the_picture_for_those_without_script_is_a_picture_of_the_same(
