@@ -95,10 +95,11 @@ def shown_file(session: Session, name: str, revision: str | None) -> SplitRow:
         row = find_split(session, name, revision)
     else:
         row = shown_revision(session, name, revision)
-    if row.public_file_digest is None:
-        of_known = ("file of split", name, ", which is withheld")
-        raise NotFound(*(("split", name) if is_used is None else of_known))
-    return row
+    if row.public_file_digest is not None:
+        return row
+    if is_used is None:  # readers do not know of it
+        raise NotFound("split", name)
+    raise NotFound("file of split", name, ", which is withheld")
 
 
 def is_kept_back(session: Session, name: str) -> bool:
