@@ -149,12 +149,19 @@ def what_else_tells(board: Board, could_be_first: Sequence[BoardEntry]) -> str:
     kept = {entry_key(entry) for entry in could_be_first}
     reach = (entry for entry in board.entries if (entry.rank_interval or (0,))[0] == 1)
     left_out = [entry for entry in reach if entry_key(entry) not in kept]
-    leader = board.leader
-    behind = {pair.b for pair in board.comparisons if leader and pair.a == leader.submission_id}
-    words = ", as they compare sample by sample" if left_out else ""
-    if any(entry.submission_id not in behind for entry in left_out):
-        words += "; entries of one team are not compared"
-    return words
+    if not left_out:
+        return ""
+    leader = board.leader.submission_id if board.leader else None
+    pairs = [(pair.a, pair.b) for pair in board.comparisons if leader in (pair.a, pair.b)]
+    compared = {name for pair in pairs for name in pair}
+    unknown, lower = (
+        sum(entry.submission_id not in compared for entry in some)
+        for some in (could_be_first, left_out)
+    )
+    words = ", as they compare sample by sample"
+    words += f" ({counted(unknown, 'is', 'are')} not compared with the leader)" if unknown else ""
+    lower_ones = counted(lower, "lower one", "lower ones")
+    return words + (f"; left out too: {lower_ones}, not compared" if lower else "")
 
 
 def _above(above: Sequence[BoardEntry]) -> Iterator[str]:

@@ -105,15 +105,28 @@ def check_the_title(title: str, board: Board) -> None:
 
 
 def could_stand_at(board: Board, entry: BoardEntry, place: int) -> bool:
-    """Its range reaches the place, and no interval that is told puts it behind the leader."""
+    """Its range reaches the place, and no interval that is told puts it behind the leader.
+
+    Nor, where none is told of it, one that ranks above it.
+    """
     leader = leader_of(board)
-    told = [
-        pair.overall[challenge_of(board).metrics[0].key].interval
-        for pair in board.comparisons
-        if leader and (pair.a, pair.b) == (leader.submission_id, entry.submission_id)
-    ]
     higher = challenge_of(board).metrics[0].better == "higher"
-    is_behind = any(ends and (ends[0] > 0 if higher else ends[1] < 0) for ends in told)
+    told = {
+        pair.b: pair.overall[challenge_of(board).metrics[0].key].interval
+        for pair in board.comparisons
+        if leader and pair.a == leader.submission_id
+    }
+    behind = {
+        name for name, ends in told.items() if ends and (ends[0] > 0 if higher else ends[1] < 0)
+    }
+    is_behind = entry.submission_id in behind or (
+        entry.submission_id not in told
+        and any(
+            (other.rank or 0) < (entry.rank or 0)
+            for other in ranked(board)
+            if other.submission_id in behind
+        )
+    )
     return bool(entry.rank_interval and entry.rank_interval[0] <= place and not is_behind)
 
 
