@@ -9,7 +9,7 @@ from datetime import datetime
 
 from exceptiondrive_records.splits.splits import part_words
 from exceptiondrive_schemas.api.phase_settings import SplitPart
-from exceptiondrive_schemas.board import Board, BoardEntry
+from exceptiondrive_schemas.board import Board, BoardEntry, EntryNews
 from exceptiondrive_schemas.challenges import Challenge
 from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.protocol import ProtocolDocument
@@ -182,6 +182,8 @@ class BoardBefore:
     split_revision: str
     part: SplitPart | None
     published_at: datetime
+    left: tuple[EntryNews, ...] = ()
+    """What ranked on it and left."""
 
 
 @dataclass(frozen=True)
@@ -205,7 +207,7 @@ def change_line(board: Board, before: BoardBefore | None) -> ChangeLine:
         parts.append(f"other samples count: {part_words(board.part)}")
     elif before.split_revision != board.split.revision:
         parts.append("another revision of the split counts")
-    parts += moves_on(board)
+    parts += moves_on(board, before.left)
     since = f"Since board {before.number} of {day(before.published_at)}"
     words = f"{since}: {'; '.join(parts)}." if parts else f"{since} no rank moved."
     return ChangeLine(
@@ -213,27 +215,29 @@ def change_line(board: Board, before: BoardBefore | None) -> ChangeLine:
     )
 
 
-def moves_on(board: Board) -> list[str]:
-    """Say who came in, and whose rank is another than on the board before."""
+def moves_on(board: Board, left: Sequence[EntryNews]) -> list[str]:
+    """Say who came in or left, and whose rank is another than on the board before."""
     ranked = [entry for entry in board.entries if entry.rank is not None]
     new = [entry for entry in ranked if entry.previous_rank is None]
     up = [entry for entry in ranked if _steps_up(entry) > 0]
     down = [entry for entry in ranked if _steps_up(entry) < 0]
     parts = []
     if new:
-        parts.append(f"{len(new)} newly ranked{_named(new)}")
+        parts.append(f"{len(new)} newly ranked{_named(new, 'to')}")
+    if left:
+        parts.append(f"{len(left)} left{_named(left, 'from')}")
     if up:
-        parts.append(f"{len(up)} moved up{_named(up)}")
+        parts.append(f"{len(up)} moved up{_named(up, 'to')}")
     if down:
-        parts.append(f"{len(down)} moved down{_named(down)}")
+        parts.append(f"{len(down)} moved down{_named(down, 'to')}")
     return parts
 
 
-def _named(entries: list[BoardEntry]) -> str:
-    """Name a few; of many, none."""
+def _named(entries: Sequence[BoardEntry | EntryNews], way: str) -> str:
+    """Name a few, with their rank; of many, none."""
     if len(entries) > MAX_NAMED:
         return ""
-    return f" ({listed([f'{entry.method} to rank {entry.rank}' for entry in entries])})"
+    return f" ({listed([f'{entry.method} {way} rank {entry.rank}' for entry in entries])})"
 
 
 def _steps_up(entry: BoardEntry) -> int:
