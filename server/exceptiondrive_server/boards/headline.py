@@ -13,6 +13,7 @@ from exceptiondrive_schemas.board import Board, BoardEntry, EntryNews
 from exceptiondrive_schemas.challenges import Challenge
 from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.protocol import ProtocolDocument
+from exceptiondrive_schemas.score_sheet import MetricRow
 from exceptiondrive_server.boards.entry_facts import entry_key, flags_of, is_listed, primary_metrics
 from exceptiondrive_server.boards.query import AVERAGE_TITLES, BoardQuery
 from exceptiondrive_server.web.numbers import DASH, Digits, day, grouped, listed, with_unit
@@ -103,12 +104,16 @@ def _findings(
         flags = listed(sorted({flag.label for entry in ranked for flag in entry.flags}))
         return (f"Nobody leads: every ranked {words.subject} is flagged ({flags}).",)
     digits = Digits.of(protocol.publication)
-    first, second = (
-        with_unit(metric, digits.text(metric, leader.metrics.get(metric.key)) or DASH)
-        for metric in primary_metrics(challenge)[:2]
-    )
+    metrics = primary_metrics(challenge)[:2]
+
+    def texts(row: MetricRow) -> list[str]:
+        return [with_unit(each, digits.text(each, row.get(each.key)) or DASH) for each in metrics]
+
+    (first, second), (_, counted_share) = texts(leader.metrics), texts(leader.micro)
     numbers = words.headline.leads.format(first=first, second=second)
-    average = AVERAGE_TITLES[board.headline]
+    numbers += f" ({AVERAGE_TITLES[board.headline]})"
+    if counted_share != second:  # which the title says
+        numbers += f"; of all samples it is {counted_share}"
     if len(ranked) == 1:
         lead = f"The only ranked {words.subject} so far is {leader.method}"
     else:
@@ -124,7 +129,7 @@ def _findings(
         lead += _could_too(place, sum(each.may_lead and each.rank != leader.rank for each in could))
     above = [entry for entry in ranked if (entry.rank or 0) < (leader.rank or 0)]
     own_flags = f"; flagged “{flags_of(leader)}”" if leader.flags else ""  # which do not bar it
-    return (f"{lead}: {numbers} ({average}){own_flags}.", *_above(above))
+    return (f"{lead}: {numbers}{own_flags}.", *_above(above))
 
 
 def _level_with(level: Sequence[BoardEntry]) -> str:

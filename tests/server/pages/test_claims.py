@@ -146,7 +146,11 @@ def check_the_findings(text: str, board: Board) -> None:
     first, second = (f"{percent(leader.metrics[metric.key])} %" for metric in metrics)
     numbers = challenge_of(board).words.headline.leads.format(first=first, second=second)
     assert f"{leader.method}" in text
-    assert f"{numbers} (mean of families)" in text
+    of_all = f"{percent(leader.micro[metrics[1].key])} %"
+    numbers += " (mean of families)" + (
+        f"; of all samples it is {of_all}" if of_all != second else ""
+    )
+    assert f"{numbers}." in text or f"{numbers}; flagged" in text
     above = [entry for entry in ranked(board) if (entry.rank or 0) < (leader.rank or 0)]
     level = [e for e in contenders(board) if e is not leader and e.rank == leader.rank]
     above, named = (each if len(each) <= 3 else [] for each in (above, level))

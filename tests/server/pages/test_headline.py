@@ -63,6 +63,22 @@ def test_the_title_counts_what_the_leader_hits(lively_board: Board, ur: float, t
     assert " ".join(in_picture) == title, "it is not cut there"
 
 
+@pytest.mark.parametrize(
+    ("ur", "said"),
+    [
+        (0.586, " (mean of families); of all samples it is 58.60\u202f%."),
+        (None, " (mean of families)."),
+    ],
+)
+def test_what_the_title_counts_is_told_beside_another_average(
+    lively_board: Board, ur: float | None, said: str
+) -> None:
+    ur = lively_board.entries[0].metrics["ur"] if ur is None else ur
+    assert ur is not None
+    (found,) = headline(with_ur(lively_board, ur), PLANNING, PROTOCOL).findings
+    assert found.endswith(said)
+
+
 @given(ur=st.floats(1e-9, 1 - 1e-9))
 def test_a_share_that_is_not_quite_none_or_all_is_never_said_to_be_it(
     lively_board: Board, ur: float
