@@ -3,6 +3,7 @@
 All of them come from the board's numbers.
 """
 
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import datetime
@@ -47,7 +48,7 @@ def headline(board: Board | None, challenge: Challenge, protocol: ProtocolDocume
     ranked = [entry for entry in board.entries if entry.rank is not None]
     n_listed = sum([is_listed(entry) for entry in board.entries])
     subject = words.subject if len(ranked) == 1 else words.subjects
-    note = f"{subject} ranked" + ("" if ranked else " yet")
+    note = f"{subject} ranked"
     note += f", {n_listed} without a rank" if n_listed else ""
     facts = (
         Fact("Samples scored", grouped(board.n_samples), words.sample_note),
@@ -64,6 +65,8 @@ def _title(board: Board, challenge: Challenge) -> str:
     if share is None:
         return words.question
     sentence = next(text for least, text in words.by_share if share >= least)
+    if len([entry for entry in board.entries if entry.rank is not None]) == 1:
+        sentence = re.sub("^(Even the|The) leading", "The only ranked", sentence)
     return sentence.format(often=_often(share), rest=_often(1 - share))
 
 
@@ -99,7 +102,7 @@ def _findings(
 ) -> tuple[str, ...]:
     words, leader = challenge.words, board.leader
     if not ranked:
-        return (f"No {words.subject} is ranked on this board yet.",)
+        return (f"No {words.subject} is ranked on this board.",)
     if leader is None:
         flags = listed(sorted({flag.label for entry in ranked for flag in entry.flags}))
         return (f"Nobody leads: every ranked {words.subject} is flagged ({flags}).",)

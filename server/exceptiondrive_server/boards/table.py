@@ -56,7 +56,7 @@ HEAT_STEPS = 10
 HEAT_ROWS = 12
 SMALL_FAMILY = 30
 WIDE_COLUMNS = 9
-NO_OTHER = "no other by {} intervals"
+NO_OTHER = "certain at {}"
 """What is said of an entry whose range of ranks is its rank alone."""
 
 
@@ -297,8 +297,9 @@ def _axis(board: Board, average: Average, metric: Metric) -> Scale:
 def _best(
     board: Board, primary: Sequence[Metric], average: Average, digits: Digits
 ) -> dict[str, str | None]:
-    """Best published text per primary metric, among the entries that may lead; None of none."""
+    """Best published text per primary metric, among the entries that may lead; None of fewer than two."""
     rows = [values_of(entry, board, average) for entry in board.entries if entry.may_lead]
+    rows = rows if len(rows) > 1 else []
     return {
         metric.key: digits.best(metric, (row.get(metric.key) for row in rows)) for metric in primary
     }
@@ -323,12 +324,11 @@ def _heat_top(board: Board, key: str) -> float:
 
 
 def _best_by_family(board: Board, metric: Metric) -> dict[str, float]:
-    """Best value of a metric in each family, among the entries that may lead."""
+    """Best value of a metric in each family, among the entries that may lead; of fewer than two, none."""
     best: dict[str, float] = {}
     better = min if metric.better == "lower" else max
-    for entry in board.entries:
-        if not entry.may_lead:
-            continue
+    fit = [entry for entry in board.entries if entry.may_lead]
+    for entry in fit if len(fit) > 1 else ():
         for family, cell in entry.families.items():
             value = cell.metrics.get(metric.key)
             if value is not None:

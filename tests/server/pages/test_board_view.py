@@ -91,7 +91,7 @@ def test_a_range_of_one_rank_says_on_what_it_rests(
     first = lively_board.entries[0].model_copy(update={"rank_interval": (1, 1)})
     changes = {"entries": (first, *lively_board.entries[1:]), "confidence": 0.9}
     rows = view(lively_board.model_copy(update=changes), protocol).blocks[0].rows
-    assert rows[0].rank_words == "rank 1; no other by 90\u202f% intervals"
+    assert rows[0].rank_words == "rank 1; certain at 90\u202f%"
     assert rows[1].rank_words == "rank 2; it could be any from 1 to 3"
 
 

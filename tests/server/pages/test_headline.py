@@ -21,11 +21,11 @@ from exceptiondrive_server.boards.table import board_table
 
 
 def with_ur(board: Board, ur: float) -> Board:
-    """The leader alone, with this unsafe rate over its samples, and another by the average that ranks."""
-    entry = board.entries[0]
+    """The leader, with this unsafe rate over its samples, and another by the average that ranks; and one more."""
+    entry, other = board.entries[:2]
     assert entry.metrics == entry.macro_family
     micro = {**entry.micro, "ur": ur}
-    return board.model_copy(update={"entries": (entry.model_copy(update={"micro": micro}),)})
+    return board.model_copy(update={"entries": (entry.model_copy(update={"micro": micro}), other)})
 
 
 def flagged(board: Board, *places: int) -> Board:
@@ -101,7 +101,11 @@ def test_the_facts_count_what_stands_on_the_board(lively_board: Board) -> None:
 def test_one_planner_is_one(lively_board: Board) -> None:
     (first,) = (entry for entry in lively_board.entries if entry.rank == 1)
     board = lively_board.model_copy(update={"entries": (first,)})
-    assert headline(board, PLANNING, PROTOCOL).facts[2].note == "planner ranked"
+    said = headline(board, PLANNING, PROTOCOL)
+    assert said.facts[2].note == "planner ranked"
+    assert said.title.startswith("The only ranked planner hits the hazard")
+    table = board_table(board, PROTOCOL, BoardQuery())
+    assert not any(part.is_best for row in table.rows for part in (*row.cells, *row.tiles))
 
 
 @pytest.mark.parametrize("flags", [(), ("stands_still",)])
@@ -279,7 +283,7 @@ def test_a_flag_that_does_not_bar_is_named(lively_board: Board) -> None:
 def test_the_paper_never_makes_the_headline(paper_board: Board) -> None:
     said = headline(paper_board, PLANNING, PROTOCOL)
     assert said.title == "Which planner keeps clear of the hazard?"
-    assert said.findings == ("No planner is ranked on this board yet.",)
+    assert said.findings == ("No planner is ranked on this board.",)
 
 
 def test_without_a_board_nothing_is_claimed() -> None:
