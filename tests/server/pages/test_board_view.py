@@ -256,6 +256,23 @@ def test_no_family_of_few_samples_is_called_hardest_or_easiest(
     assert str(section).count('<i class="star">hardest</i>') == (n_large > 1)
 
 
+def test_a_family_without_a_mean_is_said_to_be_none_of_those_called_hardest(
+    lively_board: Board,
+) -> None:
+    assert "told" not in families_of(lively_board).sentence
+    untold = lively_board.families[0].id
+    entries = tuple(
+        entry.model_copy(
+            update={
+                "families": {key: cell for key, cell in entry.families.items() if key != untold}
+            }
+        )
+        for entry in lively_board.entries
+    )
+    shown = families_of(lively_board.model_copy(update={"entries": entries}))
+    assert shown.sentence.endswith(" by the mean of all 6 ranked. 1 of 6 families is not told.")
+
+
 def test_exactly_one_column_is_marked_as_sorted_and_clicking_it_turns_it_round() -> None:
     columns = metric_columns(PLANNING, BoardQuery(sort="ur"))
     assert [column.aria_sort for column in columns].count(None) == len(columns) - 1
