@@ -230,8 +230,8 @@ class Board(Document):
             and found.interval is not None
             and min(sign * end for end in found.interval) > 0
         }
-        ranks = [each.rank for each in self.entries if each.submission_id in behind]
-        last = min((rank for rank in ranks if rank is not None), default=len(self.entries))
+        ranks = [each.rank or 0 for each in self.entries if each.submission_id in behind]
+        last = min(ranks, default=len(self.entries))
 
         def is_behind(entry: BoardEntry) -> bool:
             if entry.submission_id in compared:

@@ -478,10 +478,11 @@ def _placed(
             box = _text_box(short, x + dx, y + dy, anchor)
             if not frame.holds(box) or box.meets(taken):
                 continue
-            is_nearest = all(_away(box, x, y) <= _away(box, *other) for _, *other in anchors)
-            leader = (
-                _leader(x, y, dx, dy) if not is_nearest or max(abs(dx), abs(dy)) >= FAR else None
-            )
+            left, top, right, bottom = box
+            aways = [max(left - a, a - right, top - b, b - bottom) for _, a, b in anchors]
+            own = max(left - x, x - right, top - y, y - bottom)
+            is_far = abs(dy) >= FAR or abs(dx) >= FAR or min(aways) < own
+            leader = _leader(x, y, dx, dy) if is_far else None
             steps = _steps(leader)
             if not any(step.meets(names) for step in steps):
                 taken += [box, *steps]
@@ -502,11 +503,6 @@ def _text_width(text: str) -> float:
     """As wide as in the style of a label (13.5 px, bold), or a little more."""
     n_wide = len([each for each in text if east_asian_width(each) in "WF"])
     return 7.8 * len(text) + 2.0 * sum(map(str.isupper, text)) + 5.7 * n_wide
-
-
-def _away(box: Box, x: float, y: float) -> float:
-    """How far a point is from a rectangle."""
-    return math.hypot(max(box.left - x, 0, x - box.right), max(box.top - y, 0, y - box.bottom))
 
 
 def _leader(x: float, y: float, dx: float, dy: float) -> tuple[str, str, str, str]:

@@ -14,7 +14,6 @@ from exceptiondrive_schemas.board import Board, BoardEntry, EntryNews
 from exceptiondrive_schemas.challenges import Challenge
 from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.protocol import ProtocolDocument
-from exceptiondrive_schemas.score_sheet import MetricRow
 from exceptiondrive_server.boards.entry_facts import entry_key, flags_of, is_listed, primary_metrics
 from exceptiondrive_server.boards.query import AVERAGE_TITLES, BoardQuery
 from exceptiondrive_server.web.numbers import DASH, Digits, day, grouped, listed, with_unit
@@ -107,16 +106,15 @@ def _findings(
         flags = listed(sorted({flag.label for entry in ranked for flag in entry.flags}))
         return (f"Nobody leads: every ranked {words.subject} is flagged ({flags}).",)
     digits = Digits.of(protocol.publication)
-    metrics = primary_metrics(challenge)[:2]
-
-    def texts(row: MetricRow) -> list[str]:
-        return [with_unit(each, digits.text(each, row.get(each.key)) or DASH) for each in metrics]
-
-    (first, second), (_, counted_share) = texts(leader.metrics), texts(leader.micro)
+    one, two = primary_metrics(challenge)[:2]
+    first, second, of_all = (
+        with_unit(metric, digits.text(metric, row.get(metric.key)) or DASH)
+        for metric, row in ((one, leader.metrics), (two, leader.metrics), (two, leader.micro))
+    )
     numbers = words.headline.leads.format(first=first, second=second)
     numbers += f" ({AVERAGE_TITLES[board.headline]})"
-    if counted_share != second:  # which the title says
-        numbers += f"; of all samples it is {counted_share}"
+    if of_all != second:  # the title counts samples
+        numbers += f"; of all samples it is {of_all}"
     if len(ranked) == 1:
         lead = f"The only ranked {words.subject} so far is {leader.method}"
     else:

@@ -283,10 +283,10 @@ def short_title(title: str) -> str:
 
 
 def _axis(board: Board, average: Average, metric: Metric) -> Scale:
-    """One axis for the column; reference rows do not stretch it."""
-    entries: Sequence[BoardEntry] = [e for e in board.entries if e.source != "reference"]
-    values: list[float] = []
-    for entry in entries or board.entries:
+    """One axis for the column; reference rows do not stretch it, and alone they stand on the whole of it."""
+    entries = [entry for entry in board.entries if entry.source != "reference"]
+    values = [] if entries else [0.0, 1.0]
+    for entry in entries:
         value = values_of(entry, board, average).get(metric.key)
         interval = interval_of(entry, board, average, metric.key)
         values += [] if value is None else [value]
@@ -508,6 +508,12 @@ class BoardTable:
     def average_words(self) -> str:
         """Over what the metrics are averaged."""
         return AVERAGE_TITLES[self.builder.average]
+
+    @cached_property
+    def first_axis(self) -> tuple[str, str]:
+        """Where the lines of the first column, a share, begin and end, in per cent."""
+        low, high = self.builder.axes[self.builder.challenge.metrics[0].key].domain
+        return f"{100 * low:g}", f"{100 * high:g}"
 
     @property
     def small_family(self) -> int:

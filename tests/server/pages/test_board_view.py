@@ -5,6 +5,7 @@ from typing import Any
 
 import pytest
 from tests.server.pages.invented_board import BLIND, KEYS, STILL
+from tests.server.pages.reading import read
 
 from exceptiondrive_schemas.board import Board, FamilyCell
 from exceptiondrive_schemas.challenges import PLANNING, STRATEGY, Challenge
@@ -367,6 +368,18 @@ def test_a_reference_off_the_axis_is_not_drawn_at_its_end(
     rows = view(lively_board.model_copy(update={"entries": tuple(low)}), protocol).rows
     drawn = {row.entry.method: row.cells[0].whisker is not None for row in rows}
     assert drawn == {"nerve": True, "FREEZE": False}
+
+
+def test_the_head_of_the_first_column_tells_where_its_lines_begin_and_end(
+    lively_board: Board, protocol: ProtocolDocument
+) -> None:
+    """Of all scored entries; references alone stand on the whole of it."""
+    for source, ends in (("scored", ("0", "80")), ("reference", ("0", "100")), ("none", None)):
+        entries = tuple(one for one in lively_board.entries if one.source == source)
+        table = view(lively_board.model_copy(update={"entries": entries}), protocol)
+        head = read(str(macro("boards/table.html", "table_head")(table)))
+        told = [text.text for svg in head.all("svg", "wk") for text in svg.all("text")]
+        assert told == list(ends or ())
 
 
 def test_a_planner_without_a_rank_does_not_wash_out_the_colours_of_the_others(

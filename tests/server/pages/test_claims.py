@@ -692,7 +692,7 @@ def test_every_claim_is_true_of_the_board(site: Site, challenge: Challenge, data
     newest = Xml.fromstring(everything[-1]).find("a:entry", ATOM)
     assert newest is not None
     summary = newest.findtext("a:summary", "", ATOM)
-    new = re.match(r"(\d+) newly ranked(?: \([^)]*\))?\. ", summary)
+    new = re.match(r"(\d+) newly ranked(?: \([^)]*\))?(?:; \d+ left(?: \([^)]*\))?)?\. ", summary)
     assert (int(new[1]) if new else 0) == len(ranked(board)), "on a first board all are new"
     check_the_findings(summary[new.end() if new else 0 :], board)
     for text in everything:

@@ -105,7 +105,9 @@ def test_one_planner_is_one(lively_board: Board) -> None:
     assert said.facts[2].note == "planner ranked"
     assert said.title.startswith("The only ranked planner hits the hazard")
     table = board_table(board, PROTOCOL, BoardQuery())
-    assert not any(part.is_best for row in table.rows for part in (*row.cells, *row.tiles))
+    (row,) = table.rows
+    assert not any(cell.is_best for cell in row.cells)
+    assert not any(tile.is_best for tile in row.tiles)
 
 
 @pytest.mark.parametrize("flags", [(), ("stands_still",)])
