@@ -483,8 +483,8 @@ def _placed(
             own = max(left - x, x - right, top - y, y - bottom)
             is_far = abs(dy) >= FAR or abs(dx) >= FAR or min(aways) < own
             leader = _leader(x, y, dx, dy) if is_far else None
-            steps = _steps(leader)
-            if not any(step.meets(names) for step in steps):
+            steps = _steps(leader) if leader else []
+            if not steps or not any(step.meets(names) for step in steps):
                 taken += [box, *steps]
                 names.append(box)
                 placed.append(Label(px(x + dx), px(y + dy), anchor, short, leader))
@@ -510,10 +510,8 @@ def _leader(x: float, y: float, dx: float, dy: float) -> tuple[str, str, str, st
     return (px(x), px(y), px(x + dx - side), px(y + dy - 4))
 
 
-def _steps(leader: tuple[str, str, str, str] | None) -> list[Box]:
+def _steps(leader: tuple[str, str, str, str]) -> list[Box]:
     """Pieces of a leading line, which must not run through a name."""
-    if leader is None:
-        return []
     x1, y1, x2, y2 = map(float, leader)
     places = [(x1 + (x2 - x1) * k / 8, y1 + (y2 - y1) * k / 8) for k in range(9)]
     return [Box(x - 1, y - 1, x + 1, y + 1) for x, y in places]
