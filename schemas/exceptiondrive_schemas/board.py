@@ -217,23 +217,26 @@ class Board(Document):
         """Return the entries whose rank intervals reach a place, the best first.
 
         Left out is whom a comparison puts behind the leader in the metric that ranks first: on a
-        withheld split rank intervals are wider than that. So is who ranks behind it and, of the same team,
-        is not compared with it there.
+        withheld split rank intervals are wider than that. So is who is not compared with the leader and
+        ranks below one of those.
         """
         sign = 1 if first.order == "descending" else -1
-        pairs = {(pair.a, pair.b): pair for pair in self.comparisons}
-        compared = {name for both in pairs for name in both}
-        leader = self.leader
+        leader = self.leader.submission_id if self.leader else None
+        compared = {pair.b: pair for pair in self.comparisons if pair.a == leader}
+        behind = {
+            name
+            for name, pair in compared.items()
+            if (found := pair.overall.get(first.metric)) is not None
+            and found.interval is not None
+            and min(sign * end for end in found.interval) > 0
+        }
+        ranks = [each.rank or 0 for each in self.entries if each.submission_id in behind]
+        last = min(ranks, default=len(self.entries))
 
         def is_behind(entry: BoardEntry) -> bool:
-            if leader is None or not {leader.submission_id, entry.submission_id} <= compared:
-                return False
-            pair = pairs.get((leader.submission_id or "", entry.submission_id or ""))
-            if pair is None:
-                return (entry.rank or 0) > (leader.rank or 0)
-            found = pair.overall.get(first.metric)
-            ends = found.interval if found else None
-            return ends is not None and min(sign * end for end in ends) > 0
+            if entry.submission_id in compared:
+                return entry.submission_id in behind
+            return (entry.rank or 0) > last
 
         return tuple(
             entry

@@ -3,8 +3,10 @@
 from typing import TYPE_CHECKING
 from xml.etree import ElementTree as Xml
 
+import pytest
 from tests.phases.life import SAMPLES
 from tests.records.statements import of_board_texts, statements
+from tests.server.pages.reading import read
 
 from exceptiondrive_records.boards import boards
 from exceptiondrive_records.protocols.protocols import add_protocol
@@ -171,3 +173,25 @@ def test_what_is_told_as_a_phase_is_shown_is_true_by_then(life: "Life") -> None:
         (applied, [steady]),
     ]
     assert told("beta") == [(applied, [out])], "it stands no longer"
+
+
+@pytest.mark.parametrize("note", ["Not by a planner.", ""])
+def test_that_the_leader_was_taken_off_is_told_wherever_what_changed_is(
+    life: "Life", note: str
+) -> None:
+    """Why, where there is a note for readers."""
+    life.make_phase(split="plain")
+    out = life.submit("beta", 1.0, "Cheater", "plain")
+    life.work()
+    life.done(f"/submissions/{out}/disqualify", {"reason": "copied", "public_note": note})
+    life.work()
+    assert "1 left (Cheater from rank 1)." in read(life.get("/?phase=test").text).text
+    assert "<title>Board 2 of Test: 1 left (Cheater from rank 1)</title>" in (
+        life.get("/feed.atom?phase=test").text
+    )
+    history = read(life.get("/history?phase=test").text)
+    newest = history.one("ol", "hist").all("div", "new")[0]
+    assert "left the board" in newest.text
+    for told in (newest, history.one("ol", "led")):
+        assert ("disqualified since" in told.text) is bool(note)
+        assert note in told.text

@@ -29,7 +29,7 @@ from exceptiondrive_server.web.templating import template_filter
 LINE_HEIGHT = 16.0
 MAX_CHARACTERS = 24
 FAR = 30.0
-"""From here on a line leads from the point to its label."""
+"""From here on a line leads from the point to its label; and wherever another point is nearer to it."""
 HEAD = 9.0
 GAP = 9.0
 """Arrows end before the point that they lead to."""
@@ -162,6 +162,8 @@ class ScatterChart:
     x_metric: Metric
     y_metric: Metric
     without: tuple[str, ...]
+    beyond: tuple[str, ...]
+    """References too high to be drawn, each with its value along y."""
     not_charted: str
     """Which entries are left out since they are many, in a sentence."""
     has_edge: bool
@@ -260,9 +262,11 @@ def scatter_chart(
         return None
     metrics = challenge.metric(words.x), challenge.metric(words.y)
     entries = charted_entries(board)
-    marks = _marks(board, entries, average, metrics)
-    if not marks:
+    all_marks = _marks(board, entries, average, metrics)
+    if not all_marks:
         return None
+    beyond = [] if words.same_scale else _beyond(all_marks)
+    marks = [mark for mark in all_marks if mark not in beyond]
     foot = 72.0 if any(corner.startswith("bottom") for corner in words.corners) else 52.0
     frame = Frame(width, height, top=32.0, bottom=height - foot)
     x_values = [value for m in marks for value in (m.x, *(m.x_interval or ()))]
@@ -273,7 +277,7 @@ def scatter_chart(
     else:
         x_scale = _scale(x_values, frame.across, width)
         y_scale = _scale(y_values, frame.upwards, width)
-    drawn = {entry_key(mark.entry) for mark in marks}
+    known = {entry_key(mark.entry) for mark in all_marks}
     corners = _corners(words.corners, x_scale, y_scale)
     return ScatterChart(
         frame=frame,
@@ -287,7 +291,8 @@ def scatter_chart(
         labels=_labels(marks, x_scale, y_scale, corners),
         x_metric=metrics[0],
         y_metric=metrics[1],
-        without=tuple([e.method for e in entries if entry_key(e) not in drawn]),
+        without=tuple([e.method for e in entries if entry_key(e) not in known]),
+        beyond=tuple([f"{mark.entry.method} ({mark.y:.2f}\u202f%)" for mark in beyond]),
         not_charted=_not_charted(board),
         has_edge=not all(mark.has_x for mark in marks),
         description=_description(marks, metrics),
@@ -311,6 +316,13 @@ def _marks(
         ends = [_times_100(interval_of(entry, board, average, m.key)) for m in metrics]
         marks.append(_Mark(entry, (x or 0.0) * 100, y * 100, x is not None, *ends))
     return marks
+
+
+def _beyond(marks: Sequence[_Mark]) -> list[_Mark]:
+    """Return the references over twice as high as every other mark, beside which no two others would differ."""
+    others = [mark.y for mark in marks if mark.entry.source != "reference"]
+    limit = 2 * max(others, default=math.inf)
+    return [mark for mark in marks if mark.entry.source == "reference" and mark.y > limit]
 
 
 def _times_100(interval: Interval | None) -> Interval | None:
@@ -466,9 +478,13 @@ def _placed(
             box = _text_box(short, x + dx, y + dy, anchor)
             if not frame.holds(box) or box.meets(taken):
                 continue
-            leader = _leader(x, y, dx, dy)
-            steps = _steps(leader)
-            if not any(step.meets(names) for step in steps):
+            left, top, right, bottom = box
+            aways = [max(left - a, a - right, top - b, b - bottom) for _, a, b in anchors]
+            own = max(left - x, x - right, top - y, y - bottom)
+            is_far = abs(dy) >= FAR or abs(dx) >= FAR or min(aways) < own
+            leader = _leader(x, y, dx, dy) if is_far else None
+            steps = _steps(leader) if leader else []
+            if not steps or not any(step.meets(names) for step in steps):
                 taken += [box, *steps]
                 names.append(box)
                 placed.append(Label(px(x + dx), px(y + dy), anchor, short, leader))
@@ -489,17 +505,13 @@ def _text_width(text: str) -> float:
     return 7.8 * len(text) + 2.0 * sum(map(str.isupper, text)) + 5.7 * n_wide
 
 
-def _leader(x: float, y: float, dx: float, dy: float) -> tuple[str, str, str, str] | None:
-    if abs(dy) < FAR and abs(dx) < FAR:
-        return None
+def _leader(x: float, y: float, dx: float, dy: float) -> tuple[str, str, str, str]:
     side = math.copysign(3, dx)
     return (px(x), px(y), px(x + dx - side), px(y + dy - 4))
 
 
-def _steps(leader: tuple[str, str, str, str] | None) -> list[Box]:
+def _steps(leader: tuple[str, str, str, str]) -> list[Box]:
     """Pieces of a leading line, which must not run through a name."""
-    if leader is None:
-        return []
     x1, y1, x2, y2 = map(float, leader)
     places = [(x1 + (x2 - x1) * k / 8, y1 + (y2 - y1) * k / 8) for k in range(9)]
     return [Box(x - 1, y - 1, x + 1, y + 1) for x, y in places]

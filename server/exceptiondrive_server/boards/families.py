@@ -111,8 +111,13 @@ class Families(NamedTuple):
         of = "" if large == self.hardest else f" of those with at least {SMALL_FAMILY} samples"
         return (
             f"Hardest first: {large[0].title} is hardest and {large[-1].title} easiest{of}, "
-            f"by the mean of {self.whose}."
+            f"by the mean of {self.whose}.{self._untold}"
         )
+
+    @property
+    def _untold(self) -> str:
+        n, of = len(self.order) - len(self.hardest), len(self.order)
+        return f" {n} of {of} families {'is' if n == 1 else 'are'} not told." if n else ""
 
 
 def families_of(board: Board) -> Families:

@@ -3,13 +3,14 @@
 All of them come from the board's numbers.
 """
 
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 
 from exceptiondrive_records.splits.splits import part_words
 from exceptiondrive_schemas.api.phase_settings import SplitPart
-from exceptiondrive_schemas.board import Board, BoardEntry
+from exceptiondrive_schemas.board import Board, BoardEntry, EntryNews
 from exceptiondrive_schemas.challenges import Challenge
 from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.protocol import ProtocolDocument
@@ -46,7 +47,7 @@ def headline(board: Board | None, challenge: Challenge, protocol: ProtocolDocume
     ranked = [entry for entry in board.entries if entry.rank is not None]
     n_listed = sum([is_listed(entry) for entry in board.entries])
     subject = words.subject if len(ranked) == 1 else words.subjects
-    note = f"{subject} ranked" + ("" if ranked else " yet")
+    note = f"{subject} ranked"
     note += f", {n_listed} without a rank" if n_listed else ""
     facts = (
         Fact("Samples scored", grouped(board.n_samples), words.sample_note),
@@ -63,6 +64,8 @@ def _title(board: Board, challenge: Challenge) -> str:
     if share is None:
         return words.question
     sentence = next(text for least, text in words.by_share if share >= least)
+    if len([entry for entry in board.entries if entry.rank is not None]) == 1:
+        sentence = re.sub("^(Even the|The) leading", "The only ranked", sentence)
     return sentence.format(often=_often(share), rest=_often(1 - share))
 
 
@@ -98,17 +101,20 @@ def _findings(
 ) -> tuple[str, ...]:
     words, leader = challenge.words, board.leader
     if not ranked:
-        return (f"No {words.subject} is ranked on this board yet.",)
+        return (f"No {words.subject} is ranked on this board.",)
     if leader is None:
         flags = listed(sorted({flag.label for entry in ranked for flag in entry.flags}))
         return (f"Nobody leads: every ranked {words.subject} is flagged ({flags}).",)
     digits = Digits.of(protocol.publication)
-    first, second = (
-        with_unit(metric, digits.text(metric, leader.metrics.get(metric.key)) or DASH)
-        for metric in primary_metrics(challenge)[:2]
+    one, two = primary_metrics(challenge)[:2]
+    first, second, of_all = (
+        with_unit(metric, digits.text(metric, row.get(metric.key)) or DASH)
+        for metric, row in ((one, leader.metrics), (two, leader.metrics), (two, leader.micro))
     )
     numbers = words.headline.leads.format(first=first, second=second)
-    average = AVERAGE_TITLES[board.headline]
+    numbers += f" ({AVERAGE_TITLES[board.headline]})"
+    if of_all != second:  # the title counts samples
+        numbers += f"; of all samples it is {of_all}"
     if len(ranked) == 1:
         lead = f"The only ranked {words.subject} so far is {leader.method}"
     else:
@@ -124,7 +130,7 @@ def _findings(
         lead += _could_too(place, sum(each.may_lead and each.rank != leader.rank for each in could))
     above = [entry for entry in ranked if (entry.rank or 0) < (leader.rank or 0)]
     own_flags = f"; flagged “{flags_of(leader)}”" if leader.flags else ""  # which do not bar it
-    return (f"{lead}: {numbers} ({average}){own_flags}.", *_above(above))
+    return (f"{lead}: {numbers}{own_flags}.", *_above(above))
 
 
 def _level_with(level: Sequence[BoardEntry]) -> str:
@@ -149,12 +155,19 @@ def what_else_tells(board: Board, could_be_first: Sequence[BoardEntry]) -> str:
     kept = {entry_key(entry) for entry in could_be_first}
     reach = (entry for entry in board.entries if (entry.rank_interval or (0,))[0] == 1)
     left_out = [entry for entry in reach if entry_key(entry) not in kept]
-    leader = board.leader
-    behind = {pair.b for pair in board.comparisons if leader and pair.a == leader.submission_id}
-    words = ", as they compare sample by sample" if left_out else ""
-    if any(entry.submission_id not in behind for entry in left_out):
-        words += "; entries of one team are not compared"
-    return words
+    if not left_out:
+        return ""
+    leader = board.leader.submission_id if board.leader else None
+    pairs = [(pair.a, pair.b) for pair in board.comparisons if leader in (pair.a, pair.b)]
+    compared = {name for pair in pairs for name in pair}
+    unknown, lower = (
+        sum(entry.submission_id not in compared for entry in some)
+        for some in (could_be_first, left_out)
+    )
+    words = ", as they compare sample by sample"
+    words += f" ({counted(unknown, 'is', 'are')} not compared with the leader)" if unknown else ""
+    lower_ones = counted(lower, "lower one", "lower ones")
+    return words + (f"; left out too: {lower_ones}, not compared" if lower else "")
 
 
 def _above(above: Sequence[BoardEntry]) -> Iterator[str]:
@@ -175,6 +188,8 @@ class BoardBefore:
     split_revision: str
     part: SplitPart | None
     published_at: datetime
+    left: tuple[EntryNews, ...] = ()
+    """What ranked on it and left."""
 
 
 @dataclass(frozen=True)
@@ -198,7 +213,7 @@ def change_line(board: Board, before: BoardBefore | None) -> ChangeLine:
         parts.append(f"other samples count: {part_words(board.part)}")
     elif before.split_revision != board.split.revision:
         parts.append("another revision of the split counts")
-    parts += moves_on(board)
+    parts += moves_on(board, before.left)
     since = f"Since board {before.number} of {day(before.published_at)}"
     words = f"{since}: {'; '.join(parts)}." if parts else f"{since} no rank moved."
     return ChangeLine(
@@ -206,27 +221,29 @@ def change_line(board: Board, before: BoardBefore | None) -> ChangeLine:
     )
 
 
-def moves_on(board: Board) -> list[str]:
-    """Say who came in, and whose rank is another than on the board before."""
+def moves_on(board: Board, left: Sequence[EntryNews]) -> list[str]:
+    """Say who came in or left, and whose rank is another than on the board before."""
     ranked = [entry for entry in board.entries if entry.rank is not None]
     new = [entry for entry in ranked if entry.previous_rank is None]
     up = [entry for entry in ranked if _steps_up(entry) > 0]
     down = [entry for entry in ranked if _steps_up(entry) < 0]
     parts = []
     if new:
-        parts.append(f"{len(new)} newly ranked{_named(new)}")
+        parts.append(f"{len(new)} newly ranked{_named(new, 'to')}")
+    if left:
+        parts.append(f"{len(left)} left{_named(left, 'from')}")
     if up:
-        parts.append(f"{len(up)} moved up{_named(up)}")
+        parts.append(f"{len(up)} moved up{_named(up, 'to')}")
     if down:
-        parts.append(f"{len(down)} moved down{_named(down)}")
+        parts.append(f"{len(down)} moved down{_named(down, 'to')}")
     return parts
 
 
-def _named(entries: list[BoardEntry]) -> str:
-    """Name a few; of many, none."""
+def _named(entries: Sequence[BoardEntry | EntryNews], way: str) -> str:
+    """Name a few, with their rank; of many, none."""
     if len(entries) > MAX_NAMED:
         return ""
-    return f" ({listed([f'{entry.method} to rank {entry.rank}' for entry in entries])})"
+    return f" ({listed([f'{entry.method} {way} rank {entry.rank}' for entry in entries])})"
 
 
 def _steps_up(entry: BoardEntry) -> int:

@@ -5,7 +5,7 @@ from dataclasses import replace
 from datetime import datetime
 from math import inf
 
-from sqlalchemy import func, select
+from sqlalchemy import ScalarSelect, func, select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.boards.boards import (
@@ -43,7 +43,7 @@ from exceptiondrive_records.splits.shown import shown_whole
 from exceptiondrive_records.splits.tables import SplitRow
 from exceptiondrive_records.submissions.edits import edits_of_phase, facts_of_entries
 from exceptiondrive_records.submissions.tables import ScoreSheetRow
-from exceptiondrive_schemas.board import Board
+from exceptiondrive_schemas.board import Board, EntryNews
 from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.drawing import ProtocolDrawing, pictured_digest
 from exceptiondrive_schemas.method_facts import NO_FACTS, FactsOfBoard
@@ -316,14 +316,9 @@ def asked_entries(
 
 def _board_before(session: Session, row: BoardRow) -> BoardBefore | None:
     """The board that was shown until this one was first shown; None for the first."""
-    first = (
-        select(func.min(BoardFlip.id))
-        .where(BoardFlip.phase_id == row.phase_id, BoardFlip.board_id == row.id)
-        .scalar_subquery()
-    )
     before = (
         select(func.max(BoardFlip.id))
-        .where(BoardFlip.phase_id == row.phase_id, BoardFlip.id < first)
+        .where(BoardFlip.phase_id == row.phase_id, BoardFlip.id < _first_flip(row))
         .scalar_subquery()
     )
     query = (
@@ -341,7 +336,22 @@ def _board_before(session: Session, row: BoardRow) -> BoardBefore | None:
         .where(BoardFlip.id == before)
     )
     found = session.execute(query).first()
-    return None if found is None else BoardBefore(*found)
+    return None if found is None else BoardBefore(*found, left=_left(session, row))
+
+
+def _first_flip(row: BoardRow) -> ScalarSelect[int]:
+    return (
+        select(func.min(BoardFlip.id))
+        .where(BoardFlip.phase_id == row.phase_id, BoardFlip.board_id == row.id)
+        .scalar_subquery()
+    )
+
+
+def _left(session: Session, row: BoardRow) -> tuple[EntryNews, ...]:
+    """What ranked on the board before this one, and is not on it, as far as its news name them."""
+    news = session.scalar(select(BoardFlip.news).where(BoardFlip.id == _first_flip(row)))
+    entries = news.entries if news else ()
+    return tuple([each for each in entries if each.has_left and each.rank is not None])
 
 
 def protocol_versions(session: Session, phase_id: str) -> tuple[str, ...]:
@@ -410,7 +420,7 @@ def _note(
 def _note_of_board(session: Session, row: BoardRow) -> BoardNote:
     board, protocol = parsed_board(row), find_protocol(session, row.protocol_digest)
     said = headline(board, challenge_of(board), protocol)
-    moves = "; ".join(moves_on(board))
+    moves = "; ".join(moves_on(board, _left(session, row)))
     return BoardNote(
         row.number,
         protocol.version,

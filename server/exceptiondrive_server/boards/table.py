@@ -57,7 +57,7 @@ HEAT_STEPS = 10
 HEAT_ROWS = 12
 SMALL_FAMILY = 30
 WIDE_COLUMNS = 9
-NO_OTHER = "no other by {} intervals"
+NO_OTHER = "certain at {}"
 """What is said of an entry whose range of ranks is its rank alone."""
 
 
@@ -284,10 +284,10 @@ def short_title(title: str) -> str:
 
 
 def _axis(board: Board, average: Average, metric: Metric) -> Scale:
-    """One axis for the column; reference rows do not stretch it."""
-    entries: Sequence[BoardEntry] = [e for e in board.entries if e.source != "reference"]
-    values: list[float] = []
-    for entry in entries or board.entries:
+    """One axis for the column; reference rows do not stretch it, and alone they stand on the whole of it."""
+    entries = [entry for entry in board.entries if entry.source != "reference"]
+    values = [] if entries else [0.0, 1.0]
+    for entry in entries:
         value = values_of(entry, board, average).get(metric.key)
         interval = interval_of(entry, board, average, metric.key)
         values += [] if value is None else [value]
@@ -298,8 +298,9 @@ def _axis(board: Board, average: Average, metric: Metric) -> Scale:
 def _best(
     board: Board, primary: Sequence[Metric], average: Average, digits: Digits
 ) -> dict[str, str | None]:
-    """Best published text per primary metric, among the entries that may lead; None of none."""
+    """Best published text per primary metric, among the entries that may lead; None of fewer than two."""
     rows = [values_of(entry, board, average) for entry in board.entries if entry.may_lead]
+    rows = rows if len(rows) > 1 else []
     return {
         metric.key: digits.best(metric, (row.get(metric.key) for row in rows)) for metric in primary
     }
@@ -324,12 +325,11 @@ def _heat_top(board: Board, key: str) -> float:
 
 
 def _best_by_family(board: Board, metric: Metric) -> dict[str, float]:
-    """Best value of a metric in each family, among the entries that may lead."""
+    """Best value of a metric in each family, among the entries that may lead; of fewer than two, none."""
     best: dict[str, float] = {}
     better = min if metric.better == "lower" else max
-    for entry in board.entries:
-        if not entry.may_lead:
-            continue
+    fit = [entry for entry in board.entries if entry.may_lead]
+    for entry in fit if len(fit) > 1 else ():
         for family, cell in entry.families.items():
             value = cell.metrics.get(metric.key)
             if value is not None:
@@ -509,6 +509,12 @@ class BoardTable:
     def average_words(self) -> str:
         """Over what the metrics are averaged."""
         return AVERAGE_TITLES[self.builder.average]
+
+    @cached_property
+    def first_axis(self) -> tuple[str, str]:
+        """Where the lines of the first column, a share, begin and end, in per cent."""
+        low, high = self.builder.axes[self.builder.challenge.metrics[0].key].domain
+        return f"{100 * low:g}", f"{100 * high:g}"
 
     @property
     def small_family(self) -> int:

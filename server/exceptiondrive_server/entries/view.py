@@ -354,11 +354,16 @@ def sample_page(reading: EntryData, place: str) -> dict[str, Any] | None:
     index = next((i for i, panel in enumerate(drawn) if panel.place == place), None)
     if index is None:
         return None
+    challenge, values = challenge_of(reading.board), drawn[index].sample.metrics
+    parts = [challenge.metric(part.metric) for part in challenge.words.outcome]
+    outcome = next((part for part in parts if values.get(part.key) == 1), None)
+    told = {"ur", *(part.key for part in parts)} if outcome else ()
     return {
         "reading": reading,
         "panel": drawn[index],
         "scene": motions(reading, drawn[index : index + 1])[0],
-        "metrics": challenge_of(reading.board).metrics,
+        "outcome": outcome,
+        "metrics": [metric for metric in challenge.metrics if metric.key not in told],
         "digits": Digits.of(reading.protocol.publication),
         "before": drawn[index - 1] if index else None,
         "after": drawn[index + 1] if index + 1 < len(drawn) else None,

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from tests.server.pages.invented_board import MANIFEST
 
-from exceptiondrive_schemas.board import Board
+from exceptiondrive_schemas.board import Board, EntryNews
 from exceptiondrive_server.boards.headline import BoardBefore, change_line
 
 AT = datetime(2026, 11, 20, 9, 0, tzinfo=UTC)
@@ -37,6 +37,20 @@ def test_entries_and_moves_are_counted_and_a_few_are_named(lively_board: Board) 
 def test_many_are_counted_and_not_named(lively_board: Board) -> None:
     board = with_ranks(lively_board, dict.fromkeys(range(1, 5)))
     assert change_line(board, BEFORE).words == "Since board 6 of 20 Nov 2026: 4 newly ranked."
+
+
+def test_what_left_is_counted_and_named_with_its_rank(lively_board: Board) -> None:
+    gone = EntryNews(
+        submission_id="gone",
+        method="Cheater",
+        team="",
+        rank=1,
+        before=0.9,
+        after=None,
+        has_left=True,
+    )
+    line = change_line(with_ranks(lively_board, {}), replace(BEFORE, left=(gone,)))
+    assert line.words == "Since board 6 of 20 Nov 2026: 1 left (Cheater from rank 1)."
 
 
 def test_a_protocol_update_comes_first_and_leads_to_its_page(lively_board: Board) -> None:

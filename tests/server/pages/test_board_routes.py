@@ -77,7 +77,7 @@ async def test_an_empty_board_invites_the_first_entry(site: Any, empty_board: Bo
     site.create_phase("sample")
     site.publish(empty_board)
     answer = await site.get("/")
-    assert "Nobody has been scored on this board yet." in answer.text
+    assert "Nobody has been scored on this board." in answer.text
     assert "Which planner keeps clear of the hazard?" in answer.text
 
 
@@ -538,3 +538,19 @@ async def test_page_and_api_say_how_intervals_are_found(
         '"interval_method":"expanded percentile bootstrap over scenes'
         in lively_board.model_dump_json()
     )
+
+
+async def test_a_phase_that_was_put_away_promises_nothing(site: Any) -> None:
+    site.create_phase("open")
+    site.create_phase("past", visibility="archived")
+    page = read((await site.get("/phases/past")).text)
+    facts = page.one("dl", "facts").text
+    assert "Closes archived" in facts
+    assert "Submissions none are taken" in facts
+    rows = {
+        row.one("code").text: row
+        for row in read((await site.get("/submit")).text).all("tr")[1:]
+        if row.all("code")
+    }
+    assert [cell.text for cell in rows["past"].all("td")[3:5]] == ["archived", "none"]
+    assert [cell.text for cell in rows["open"].all("td")[3:5]] == ["never", "3"]

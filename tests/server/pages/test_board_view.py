@@ -5,6 +5,7 @@ from typing import Any
 
 import pytest
 from tests.server.pages.invented_board import BLIND, KEYS, STILL
+from tests.server.pages.reading import read
 
 from exceptiondrive_schemas.board import Board, FamilyCell
 from exceptiondrive_schemas.challenges import PLANNING, STRATEGY, Challenge
@@ -91,7 +92,7 @@ def test_a_range_of_one_rank_says_on_what_it_rests(
     first = lively_board.entries[0].model_copy(update={"rank_interval": (1, 1)})
     changes = {"entries": (first, *lively_board.entries[1:]), "confidence": 0.9}
     rows = view(lively_board.model_copy(update=changes), protocol).blocks[0].rows
-    assert rows[0].rank_words == "rank 1; no other by 90\u202f% intervals"
+    assert rows[0].rank_words == "rank 1; certain at 90\u202f%"
     assert rows[1].rank_words == "rank 2; it could be any from 1 to 3"
 
 
@@ -256,6 +257,23 @@ def test_no_family_of_few_samples_is_called_hardest_or_easiest(
     assert str(section).count('<i class="star">hardest</i>') == (n_large > 1)
 
 
+def test_a_family_without_a_mean_is_said_to_be_none_of_those_called_hardest(
+    lively_board: Board,
+) -> None:
+    assert "told" not in families_of(lively_board).sentence
+    untold = lively_board.families[0].id
+    entries = tuple(
+        entry.model_copy(
+            update={
+                "families": {key: cell for key, cell in entry.families.items() if key != untold}
+            }
+        )
+        for entry in lively_board.entries
+    )
+    shown = families_of(lively_board.model_copy(update={"entries": entries}))
+    assert shown.sentence.endswith(" by the mean of all 6 ranked. 1 of 6 families is not told.")
+
+
 def test_exactly_one_column_is_marked_as_sorted_and_clicking_it_turns_it_round() -> None:
     columns = metric_columns(PLANNING, BoardQuery(sort="ur"))
     assert [column.aria_sort for column in columns].count(None) == len(columns) - 1
@@ -350,6 +368,18 @@ def test_a_reference_off_the_axis_is_not_drawn_at_its_end(
     rows = view(lively_board.model_copy(update={"entries": tuple(low)}), protocol).rows
     drawn = {row.entry.method: row.cells[0].whisker is not None for row in rows}
     assert drawn == {"nerve": True, "FREEZE": False}
+
+
+def test_the_head_of_the_first_column_tells_where_its_lines_begin_and_end(
+    lively_board: Board, protocol: ProtocolDocument
+) -> None:
+    """Of all scored entries; references alone stand on the whole of it."""
+    for source, ends in (("scored", ("0", "80")), ("reference", ("0", "100")), ("none", None)):
+        entries = tuple(one for one in lively_board.entries if one.source == source)
+        table = view(lively_board.model_copy(update={"entries": entries}), protocol)
+        head = read(str(macro("boards/table.html", "table_head")(table)))
+        told = [text.text for svg in head.all("svg", "wk") for text in svg.all("text")]
+        assert told == list(ends or ())
 
 
 def test_a_planner_without_a_rank_does_not_wash_out_the_colours_of_the_others(

@@ -105,15 +105,28 @@ def check_the_title(title: str, board: Board) -> None:
 
 
 def could_stand_at(board: Board, entry: BoardEntry, place: int) -> bool:
-    """Its range reaches the place, and no interval that is told puts it behind the leader."""
+    """Its range reaches the place, and no interval that is told puts it behind the leader.
+
+    Nor, where none is told of it, one that ranks above it.
+    """
     leader = leader_of(board)
-    told = [
-        pair.overall[challenge_of(board).metrics[0].key].interval
-        for pair in board.comparisons
-        if leader and (pair.a, pair.b) == (leader.submission_id, entry.submission_id)
-    ]
     higher = challenge_of(board).metrics[0].better == "higher"
-    is_behind = any(ends and (ends[0] > 0 if higher else ends[1] < 0) for ends in told)
+    told = {
+        pair.b: pair.overall[challenge_of(board).metrics[0].key].interval
+        for pair in board.comparisons
+        if leader and pair.a == leader.submission_id
+    }
+    behind = {
+        name for name, ends in told.items() if ends and (ends[0] > 0 if higher else ends[1] < 0)
+    }
+    is_behind = entry.submission_id in behind or (
+        entry.submission_id not in told
+        and any(
+            (other.rank or 0) < (entry.rank or 0)
+            for other in ranked(board)
+            if other.submission_id in behind
+        )
+    )
     return bool(entry.rank_interval and entry.rank_interval[0] <= place and not is_behind)
 
 
@@ -122,7 +135,7 @@ def check_the_findings(text: str, board: Board) -> None:
     leader, metrics = leader_of(board), challenge_of(board).metrics[:2]
     text = " ".join(text.split())
     if not ranked(board):
-        assert "is ranked on this board yet" in text
+        assert "is ranked on this board." in text
         return
     if leader is None:
         assert "Nobody leads" in text
@@ -133,7 +146,11 @@ def check_the_findings(text: str, board: Board) -> None:
     first, second = (f"{percent(leader.metrics[metric.key])} %" for metric in metrics)
     numbers = challenge_of(board).words.headline.leads.format(first=first, second=second)
     assert f"{leader.method}" in text
-    assert f"{numbers} (mean of families)" in text
+    of_all = f"{percent(leader.micro[metrics[1].key])} %"
+    numbers += " (mean of families)" + (
+        f"; of all samples it is {of_all}" if of_all != second else ""
+    )
+    assert f"{numbers}." in text or f"{numbers}; flagged" in text
     above = [entry for entry in ranked(board) if (entry.rank or 0) < (leader.rank or 0)]
     level = [e for e in contenders(board) if e is not leader and e.rank == leader.rank]
     above, named = (each if len(each) <= 3 else [] for each in (above, level))
@@ -179,7 +196,7 @@ def check_the_rows(page: Node, board: Board, average: str) -> None:
     best = {
         metric.key: percent((max if metric.better == "higher" else min)(known))
         for metric in metrics
-        if (known := [values_of(e, average)[metric.key] or 0.0 for e in contenders(board)])
+        if len(known := [values_of(e, average)[metric.key] or 0.0 for e in contenders(board)]) > 1
     }
     for row, entry in zip(rows, shown, strict=True):
         values = values_of(entry, average)
@@ -203,7 +220,9 @@ def check_the_rows(page: Node, board: Board, average: str) -> None:
             interval = entry.intervals.get(metric.key) if average != "micro" else None
             cell = row.one("td", metric.key)
             check_the_number(cell, metric.label, values[metric.key], interval, board)
-            is_best = entry in contenders(board) and percent(values[metric.key]) == best[metric.key]
+            is_best = entry in contenders(board) and percent(values[metric.key]) == best.get(
+                metric.key, ""
+            )
             number = row.one("td", metric.key).one("b")
             assert ("best" in number.classes) == is_best
         check_the_bar(row.all("svg", "sb"), values, challenge_of(board))
@@ -322,8 +341,19 @@ def check_the_chart(page: Node, board: Board, average: str) -> None:
         if None not in pairs[entry.method]
         or (entry.source == "reference" and pairs[entry.method][0] is not None)
     ]
+    others = [pairs[entry.method][0] or 0 for entry in known if entry.source != "reference"]
+    beyond = [
+        entry
+        for entry in known
+        if entry.source == "reference"
+        and not challenge_of(board).words.chart.same_scale
+        and others
+        and (pairs[entry.method][0] or 0) > 2 * max(others)
+    ]
     said = set()
     for entry in known:
+        if entry in beyond:
+            continue
         up, along = (percent(value) for value in pairs[entry.method])
         flags = f" ({', '.join(labels(entry))})" if entry.flags else ""
         right = "not defined" if along is None else f"{along} %"
@@ -333,7 +363,8 @@ def check_the_chart(page: Node, board: Board, average: str) -> None:
     points = {group.one("title").text for group in groups if group.all("title")}
     assert points == said
     left = " ".join(line.text for line in page.all("p", "outside")) if points else ""
-    missing = {entry.method for entry in own(board) if entry not in known} if points else set()
+    missing = {entry.method for entry in own(board) if entry not in known or entry in beyond}
+    missing = missing if points else set()
     assert set(re.findall(r"Planner\d+x", left)) == missing
 
 
@@ -661,7 +692,7 @@ def test_every_claim_is_true_of_the_board(site: Site, challenge: Challenge, data
     newest = Xml.fromstring(everything[-1]).find("a:entry", ATOM)
     assert newest is not None
     summary = newest.findtext("a:summary", "", ATOM)
-    new = re.match(r"(\d+) newly ranked(?: \([^)]*\))?\. ", summary)
+    new = re.match(r"(\d+) newly ranked(?: \([^)]*\))?(?:; \d+ left(?: \([^)]*\))?)?\. ", summary)
     assert (int(new[1]) if new else 0) == len(ranked(board)), "on a first board all are new"
     check_the_findings(summary[new.end() if new else 0 :], board)
     for text in everything:

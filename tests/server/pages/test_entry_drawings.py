@@ -4,6 +4,7 @@ import re
 from typing import Any
 
 import pytest
+from tests.server.pages.reading import read
 
 from exceptiondrive_records.boards.boards import latest_board
 from exceptiondrive_records.phases.scoring_keys import ScoringKey
@@ -84,6 +85,9 @@ async def test_the_drawings_of_an_old_board_stay_with_it(
     assert (await drawn_site.get(link[1].replace("&amp;", "&"))).status_code == 200
 
 
+OUTCOMES = {part.metric for part in PLANNING.words.outcome}
+
+
 async def test_what_a_sample_earns_is_what_was_drawn(
     drawn_site: Any, real_drawings: EntryDrawings
 ) -> None:
@@ -92,6 +96,12 @@ async def test_what_a_sample_earns_is_what_was_drawn(
         text = (await drawn_site.get(f"{ENTRY}/samples/{place}")).text
         hcc = Digits().text(PLANNING.metrics[0], drawn.drawing.metrics["hcc"])
         assert re.search(rf"HCC</dt>\s*<dd>{hcc}\u202f%", text)
+        earned = read(text).one("dl", "earns").text
+        outcome = [
+            m.label for m in PLANNING.metrics if m.key in OUTCOMES and drawn.drawing.metrics[m.key]
+        ]
+        assert earned.startswith(f"Outcome {outcome[0]} HCC ")
+        assert "UR" not in earned
         n_pictures, n_boxes = 2, len(drawn.drawing.footprints)
         assert n_boxes == 7
         assert text.count('class="box"') == n_pictures * n_boxes + 1  # of the legend

@@ -232,7 +232,7 @@ def test_a_range_of_one_rank_says_on_what_it_rests(lively_board: Board) -> None:
     first = lively_board.entries[0].model_copy(update={"rank_interval": (1, 1)})
     build = RowBuilder.of(lively_board, lively_board.headline, Digits())
     notes = [position_of(build.row(e), lively_board).note for e in (first, lively_board.entries[1])]
-    assert notes == ["no other by 95\u202f% intervals", "1\u20133 possible"]
+    assert notes == ["certain at 95\u202f%", "1\u20133 possible"]
 
 
 def test_of_two_shares_that_raise_one_flag_the_one_above_its_threshold_is_marked() -> None:

@@ -233,7 +233,7 @@ async def test_the_feed_lists_boards_newest_first(lively_site: Any, empty_board:
     newly = "1 newly ranked (brake-late to rank 3); 1 moved up (Kestrel-2 to rank 1);"
     assert f": {newly}" in titles[1], "a list of titles says what is new"
     said = [entry.findtext("a:summary", "", name) for entry in feed.findall("a:entry", name)]
-    assert said[0].startswith("No planner is ranked on this board yet.")
+    assert said[0].startswith("6 left. No planner is ranked on this board.")
     assert said[1].startswith(newly)
     assert said[1].endswith(" Protocol 1.0.")
     assert "Of 6 ranked planners, Kestrel-2 leads, though 1 other could be first: it" in said[1]

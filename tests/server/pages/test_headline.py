@@ -21,11 +21,11 @@ from exceptiondrive_server.boards.table import board_table
 
 
 def with_ur(board: Board, ur: float) -> Board:
-    """The leader alone, with this unsafe rate over its samples, and another by the average that ranks."""
-    entry = board.entries[0]
+    """The leader, with this unsafe rate over its samples, and another by the average that ranks; and one more."""
+    entry, other = board.entries[:2]
     assert entry.metrics == entry.macro_family
     micro = {**entry.micro, "ur": ur}
-    return board.model_copy(update={"entries": (entry.model_copy(update={"micro": micro}),)})
+    return board.model_copy(update={"entries": (entry.model_copy(update={"micro": micro}), other)})
 
 
 def flagged(board: Board, *places: int) -> Board:
@@ -63,6 +63,22 @@ def test_the_title_counts_what_the_leader_hits(lively_board: Board, ur: float, t
     assert " ".join(in_picture) == title, "it is not cut there"
 
 
+@pytest.mark.parametrize(
+    ("ur", "said"),
+    [
+        (0.586, " (mean of families); of all samples it is 58.60\u202f%."),
+        (None, " (mean of families)."),
+    ],
+)
+def test_what_the_title_counts_is_told_beside_another_average(
+    lively_board: Board, ur: float | None, said: str
+) -> None:
+    ur = lively_board.entries[0].metrics["ur"] if ur is None else ur
+    assert ur is not None
+    (found,) = headline(with_ur(lively_board, ur), PLANNING, PROTOCOL).findings
+    assert found.endswith(said)
+
+
 @given(ur=st.floats(1e-9, 1 - 1e-9))
 def test_a_share_that_is_not_quite_none_or_all_is_never_said_to_be_it(
     lively_board: Board, ur: float
@@ -85,7 +101,13 @@ def test_the_facts_count_what_stands_on_the_board(lively_board: Board) -> None:
 def test_one_planner_is_one(lively_board: Board) -> None:
     (first,) = (entry for entry in lively_board.entries if entry.rank == 1)
     board = lively_board.model_copy(update={"entries": (first,)})
-    assert headline(board, PLANNING, PROTOCOL).facts[2].note == "planner ranked"
+    said = headline(board, PLANNING, PROTOCOL)
+    assert said.facts[2].note == "planner ranked"
+    assert said.title.startswith("The only ranked planner hits the hazard")
+    table = board_table(board, PROTOCOL, BoardQuery())
+    (row,) = table.rows
+    assert not any(cell.is_best for cell in row.cells)
+    assert not any(tile.is_best for tile in row.tiles)
 
 
 @pytest.mark.parametrize("flags", [(), ("stands_still",)])
@@ -193,41 +215,44 @@ def test_whom_a_comparison_puts_behind_the_leader_could_not_be_first(lively_boar
     assert told.contenders(fewer_is_better) == (leader, *others)
 
 
-def test_team_mates_of_the_leader_that_were_not_compared_with_it_are_not_said_to_be_undecided(
+def test_who_was_not_compared_with_the_leader_could_be_first_down_to_one_that_is_behind(
     lively_board: Board,
 ) -> None:
-    """Of a withheld split two entries of one team are not compared: no pair of them is told."""
-    leader, mate, level, rival = (
-        entry.model_copy(update={"rank": rank, "rank_interval": (1, 4), "team": team})
-        for entry, rank, team in zip(lively_board.entries, (1, 2, 1, 4), "bbbc", strict=False)
+    """The best alone are compared and, of a withheld split, no two of one team."""
+    leader, mate, rival, lower = (
+        entry.model_copy(update={"rank": rank, "rank_interval": (1, 5), "team": team})
+        for entry, rank, team in zip(lively_board.entries, (1, 2, 3, 4), "bbcd", strict=False)
     )
-    pairs = tuple(compared(each, rival, 0.01) for each in (leader, mate, level))
-    board = lively_board.model_copy(
-        update={"entries": (leader, level, mate, rival), "comparisons": pairs}
-    )
+    entries = (leader, mate, rival, lower)
+    behind = (compared(leader, rival, 0.01),)
+    board = lively_board.model_copy(update={"entries": entries, "comparisons": behind})
     table = board_table(board, PROTOCOL, BoardQuery())
-    assert [*table.first_of_all.values()] == [leader, level]
+    assert [*table.first_of_all.values()] == [leader, mate]
     assert table.first_sentence == (
-        "Marked at the left: the 2 that could be first, as they compare sample by sample; "
-        "entries of one team are not compared."
+        "Marked at the left: the 2 that could be first, as they compare sample by sample "
+        "(1 is not compared with the leader); left out too: 1 lower one, not compared."
     )
-    assert "could be first" not in headline(board, PLANNING, PROTOCOL).findings[0]
-    every_pair = (*pairs, *(compared(leader, each, 0.01) for each in (level, mate)))
+    assert "though 1 other could be first" in headline(board, PLANNING, PROTOCOL).findings[0]
+    every_pair = tuple(compared(leader, each, 0.01) for each in entries[1:])
     public = board_table(
         board.model_copy(update={"comparisons": every_pair}), PROTOCOL, BoardQuery()
     )
     assert public.first_sentence == (
         f"Marked at the left: {leader.method}, which alone could be first, as they compare sample by sample."
     )
-    uncompared = board.model_copy(update={"comparisons": ()})
-    said = headline(uncompared, PLANNING, PROTOCOL)
-    assert "though 2 others could be first" in said.findings[0], "no comparison says more"
+    open_pair = board.model_copy(update={"comparisons": (compared(leader, rival, 0.0),)})
+    assert board_table(open_pair, PROTOCOL, BoardQuery()).first_sentence == (
+        "Marked at the left: the 4 that could be first."
+    )
 
 
 @pytest.mark.parametrize(
     ("n_behind", "said"),
     [
-        (1, "2 entries could be first, as they compare sample by sample. What is told does not"),
+        (
+            1,
+            "2 entries could be first, as they compare sample by sample (1 is not compared with the leader). What is told does not",
+        ),
         (2, "1 entry could be first, as they compare sample by sample."),
     ],
 )
@@ -238,7 +263,7 @@ async def test_the_report_says_of_the_first_what_the_board_says(
         entry.model_copy(update={"rank": rank, "rank_interval": (1, 3)})
         for rank, entry in enumerate(lively_board.entries[:3], 1)
     )
-    pairs = tuple(compared(leader, other, 0.01) for other in others[:n_behind])
+    pairs = tuple(compared(leader, other, 0.01) for other in others[-n_behind:])
     site.create_phase("sample")
     site.publish(
         lively_board.model_copy(update={"entries": (leader, *others), "comparisons": pairs})
@@ -260,7 +285,7 @@ def test_a_flag_that_does_not_bar_is_named(lively_board: Board) -> None:
 def test_the_paper_never_makes_the_headline(paper_board: Board) -> None:
     said = headline(paper_board, PLANNING, PROTOCOL)
     assert said.title == "Which planner keeps clear of the hazard?"
-    assert said.findings == ("No planner is ranked on this board yet.",)
+    assert said.findings == ("No planner is ranked on this board.",)
 
 
 def test_without_a_board_nothing_is_claimed() -> None:

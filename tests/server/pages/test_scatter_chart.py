@@ -60,6 +60,46 @@ def test_small_values_fill_their_axis(lively_board: Board) -> None:
     assert all(float(point.y) < middle for point in chart.points)
 
 
+@pytest.mark.parametrize(("best", "is_drawn"), [(0.49, True), (0.48, False)])
+def test_a_reference_over_twice_as_high_as_all_others_is_named_beside_the_picture(
+    lively_board: Board, best: float, is_drawn: bool
+) -> None:
+    entries = tuple(
+        entry
+        if entry.source == "reference"
+        else entry.model_copy(
+            update={
+                "metrics": entry.metrics | {"hcc": best},
+                "intervals": {**entry.intervals, "hcc": None},
+            }
+        )
+        for entry in lively_board.entries
+    )
+    board = lively_board.model_copy(update={"entries": entries})
+    chart = scatter_chart(board, "macro_family")
+    assert chart is not None
+    assert any(point.title.startswith("FREEZE") for point in chart.points) is is_drawn
+    assert chart.beyond == (() if is_drawn else ("FREEZE (97.20\u202f%)",))
+    assert "FREEZE" not in chart.without
+    page = BoardPage(BoardQuery.parse([]), (), None, board, PROTOCOL, ("1.0",), "1.0")
+    assert page.shown is not None
+    assert ("at over twice the HCC of all others: FREEZE" in str(page.shown.charts)) is not is_drawn
+
+
+def test_a_label_nearer_to_another_point_than_to_its_own_has_a_line() -> None:
+    frame = Box(0, 0, 400, 400)
+    alone = place_labels([("Swerve Net", 200, 200)], frame, [])
+    assert alone[0].leader is None
+    crowd = [("Swerve Net", 200.0, 200.0), ("", 230.0, 182.0)]
+    blocked = [Box(205, 186, 219, 240), Box(100, 150, 196, 240), Box(202, 207, 300, 240)]
+    label = place_labels(crowd, frame, blocked)[0]
+    own, other = (
+        math.hypot(max(float(label.x) - x, 0), float(label.y) - 4 - y) for _, x, y in crowd
+    )
+    assert other < own
+    assert label.leader is not None
+
+
 def test_an_entry_without_progress_is_named_beside_the_picture(lively_board: Board) -> None:
     first, *others = lively_board.entries
     unknown = first.model_copy(update={"metrics": first.metrics | {"progress": None}})
