@@ -23,6 +23,7 @@ class HeadlineWords(Document):
     """The page's headline, chosen by the leader's second primary metric over all samples: it counts.
 
     `{often}` is set as "in about one of 3 samples", `{rest}` as `{often}` of one minus that.
+    `{the}` is "The leading", `{even_the}` "Even the leading"; of one alone both are "The only ranked".
     """
 
     question: str
@@ -112,9 +113,9 @@ PLANNING_WORDS = ChallengeWords(
         leads="it earns {first} of the credit for keeping its distance (HCC); its share of hazards hit is "
         "{second} (UR)",
         by_share=(
-            (0.501, "Even the leading planner hits the hazard {often}."),
-            (0.1, "The leading planner hits the hazard {often}."),
-            (0.0, "The leading planner stays out of the hazard {rest}."),
+            (0.501, "{even_the} planner hits the hazard {often}."),
+            (0.1, "{the} planner hits the hazard {often}."),
+            (0.0, "{the} planner stays out of the hazard {rest}."),
         ),
     ),
     chart=ChartWords(
@@ -174,8 +175,8 @@ STRATEGY_WORDS = ChallengeWords(
         question="Which agent is careful enough?",
         leads="its share of acceptable answers is {first}, of too careless ones {second}",
         by_share=(
-            (0.1, "Even the leading agent is too careless {often}."),
-            (0.0, "The leading agent is careful enough {rest}."),
+            (0.1, "{even_the} agent is too careless {often}."),
+            (0.0, "{the} agent is careful enough {rest}."),
         ),
     ),
     chart=ChartWords(

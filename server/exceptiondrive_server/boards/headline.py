@@ -3,7 +3,6 @@
 All of them come from the board's numbers.
 """
 
-import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import datetime
@@ -64,9 +63,10 @@ def _title(board: Board, challenge: Challenge) -> str:
     if share is None:
         return words.question
     sentence = next(text for least, text in words.by_share if share >= least)
-    if len([entry for entry in board.entries if entry.rank is not None]) == 1:
-        sentence = re.sub("^(Even the|The) leading", "The only ranked", sentence)
-    return sentence.format(often=_often(share), rest=_often(1 - share))
+    is_alone = len([entry for entry in board.entries if entry.rank is not None]) == 1
+    the = "The only ranked" if is_alone else "The leading"
+    even_the = the if is_alone else "Even the leading"
+    return sentence.format(the=the, even_the=even_the, often=_often(share), rest=_often(1 - share))
 
 
 def _often(share: float) -> str:
