@@ -155,7 +155,9 @@ def test_another_word_after_a_lost_answer_is_told_that_the_first_was_kept(desk: 
     desk.decide("inspect", seen, ADA, PASSED)
     desk.decide("verify", read, ADA, accepted(desk, read))
     refused = Inspected(passed=False, reason=Mark.VISIBILITY)
-    with pytest.raises(BuildError, match=r"Your first word on this card was kept\. U takes it back"):
+    with pytest.raises(
+        BuildError, match=r"Your first word on this card was kept\. U takes it back"
+    ):
         desk.decide("inspect", seen, ADA, refused)
     with pytest.raises(BuildError, match="U takes it back"):
         desk.decide("verify", read, ADA, Verified(accepted=False, reason="task"))
@@ -411,6 +413,20 @@ def test_what_was_taken_back_is_no_decision_of_the_report(desk: Desk) -> None:
     desk.decide("inspect", card_, ADA, Inspected(passed=False, reason=Mark.VISIBILITY))
     (inspected, _) = report(desk.workshop).people
     assert inspected.decisions == desk.progress("inspect", "ada").mine == 1
+
+
+def test_the_report_counts_what_people_refused_edits_and_regions_for(desk: Desk) -> None:
+    seen, other, read = desk.cards("inspect")[:3]
+    desk.decide("inspect", seen, ADA, Inspected(passed=False, reason=Mark.VISIBILITY))
+    desk.decide("inspect", other, ADA, Inspected(passed=False))
+    for holder, reason in ((ADA, "task"), (GRACE, "location")):
+        desk.decide("verify", read, holder, Verified(accepted=False, reason=reason))
+    assert report(desk.workshop).rejected_because == {
+        "inspected:no_reason": 1,
+        "inspected:visibility": 1,
+        "region:location": 1,
+        "region:task": 1,
+    }
 
 
 def test_a_region_that_is_reopened_goes_to_both_readers_again(desk: Desk, folder: Path) -> None:
