@@ -419,8 +419,8 @@ def test_the_report_counts_what_people_refused_edits_and_regions_for(desk: Desk)
     seen, other, read = desk.cards("inspect")[:3]
     desk.decide("inspect", seen, ADA, Inspected(passed=False, reason=Mark.VISIBILITY))
     desk.decide("inspect", other, ADA, Inspected(passed=False))
-    for holder, reason in ((ADA, "task"), (GRACE, "location")):
-        desk.decide("verify", read, holder, Verified(accepted=False, reason=reason))
+    desk.decide("verify", read, ADA, Verified(accepted=False, reason="task"))
+    desk.decide("verify", read, GRACE, Verified(accepted=False, reason="location"))
     assert report(desk.workshop).rejected_because == {
         "inspected:no_reason": 1,
         "inspected:visibility": 1,
