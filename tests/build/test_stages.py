@@ -275,8 +275,8 @@ def test_an_endpoint_that_fails_for_a_while_is_asked_again(
 @pytest.mark.parametrize(
     ("fault", "reason", "exit_code"),
     [
-        (Reply(b"<html>welcome</html>"), "bad_response", 0),
-        (StandIn.fails(400, "picture too large"), "request_refused", 0),
+        (Reply(b"<html>welcome</html>"), "bad_response", 2),
+        (StandIn.fails(400, "picture too large"), "request_refused", 2),
         (StandIn.fails(503, headers={"retry-after-ms": "1"}), "server_error", 5),
     ],
 )
@@ -298,7 +298,7 @@ def test_what_an_endpoint_that_has_answered_refuses_does_not_stop_a_stage(
     change(shop, "workshop.toml", '"RS1"]', '"RS1", "SE2"]')
     assert report(shop, "screen", "--limit", "1")["still_open"] == 20
     stand_in.fault = lambda seen: stand_in.fails(400, "content policy")
-    assert report(shop, "screen")["failed"] == {"request_refused": 20}
+    assert report(shop, "screen", exit_code=2)["failed"] == {"request_refused": 20}
 
 
 def test_an_endpoint_that_is_not_there_is_named(shop: Path, stand_in: StandIn) -> None:
@@ -475,7 +475,7 @@ def test_every_view_of_a_candidate_or_none_and_no_view_is_paid_for_twice(
     report(shop, "screen", "--limit", "1")
     left = [None, None, stand_in.fails(400, "no")]
     stand_in.fault = lambda seen: left.pop(0)
-    done = report(shop, "edit")
+    done = report(shop, "edit", exit_code=2)
     assert (done["calls"], done["decided"], done["still_open"]) == (3, 0, 1)
     assert not any(candidate.edited for candidate in walked(shop).values())
     stand_in.fault = lambda seen: None

@@ -210,6 +210,11 @@ class StageReport(Document):
         """Whether candidates are left open because an endpoint never answered."""
         return any(Reason(reason).is_unreachable for reason in self.failed)
 
+    @property
+    def is_in_vain(self) -> bool:
+        """Whether questions were asked, and nothing came of any."""
+        return bool(self.failed) and not (self.decided or self.recorded_without_answer)
+
 
 def read_answers(workshop: Workshop, kind: Kind) -> tuple[Answer, ...]:
     """All answers of a stage so far, in the order in which they came.

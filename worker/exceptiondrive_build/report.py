@@ -14,13 +14,12 @@ from pydantic import Field
 from exceptiondrive_build.agreement import agreement, outcome, readings, readings_left
 from exceptiondrive_build.asking import Stage, read_answers
 from exceptiondrive_build.candidates import Candidate, walk
-from exceptiondrive_build.chat import ReviewStage, ScreenStage
 from exceptiondrive_build.dry_run import StagePlan, dry_run
-from exceptiondrive_build.editing import EditStage
 from exceptiondrive_build.inspection import to_inspect
 from exceptiondrive_build.numbers import audit, cells, is_verified
 from exceptiondrive_build.records import Kind, person_key, standing
 from exceptiondrive_build.settings import VerifySection
+from exceptiondrive_build.stages import STAGES
 from exceptiondrive_build.values import Edited, Mark, Reviewed, Screened, Unanswered
 from exceptiondrive_build.workshop import Workshop
 from exceptiondrive_schemas.base import Document
@@ -29,7 +28,6 @@ from exceptiondrive_schemas.datasheet import Agreement, Audit, Cell
 PAUSE_S = 300.0
 """A longer gap between two decisions of a person is a pause, and no work."""
 NO_REASON = "no_reason"
-STAGES: tuple[type[Stage], ...] = (ScreenStage, EditStage, ReviewStage)
 
 
 class Line(Document):
@@ -137,7 +135,7 @@ def report(workshop: Workshop) -> Report:
         marks=_marks(everything),
         audit=audit(candidates, settings.inspect),
         agreement=agreement(verifications, settings.verify) if verifications else None,
-        spent=tuple(_spent(stage(workshop), candidates) for stage in STAGES),
+        spent=tuple(_spent(stage(workshop), candidates) for stage in STAGES.values()),
         people=_people(workshop, candidates),
         currency=settings.currency,
         notes=_notes(settings.printed_family_shares, funnel),

@@ -310,8 +310,7 @@ class Desk:
         return bool(self.leases.claim(queue, holder, 1, offered))
 
     def _is_accepted(self, sample_id: str) -> bool:
-        """Whether the edit is good enough: by a person's newest word, else by the review."""
+        """Whether the edit is good enough, by what people have said up to now."""
         words = self.standing("inspect", sample_id)
-        if words:
-            return bool((words[-1].value or {})["passed"])
-        return self.candidates[sample_id].passed_review
+        newest = Inspected.model_validate(words[-1].value, strict=False) if words else None
+        return self.candidates[sample_id].accepted_after(newest)
