@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 from typing import Annotated, Any, ClassVar, TypeVar
 
 import openai
-from pydantic import BaseModel, BeforeValidator, Field, ValidationError, WrapValidator
+from pydantic import AliasChoices, BaseModel, BeforeValidator, Field, ValidationError, WrapValidator
 
 from exceptiondrive_endpoints.answers import Schema
 from exceptiondrive_endpoints.errors import (
@@ -143,11 +143,16 @@ def request_body(
 _Count = Annotated[int, Field(ge=0), BeforeValidator(lambda told: 0 if told is None else told)]
 
 
+def _either(chat: str, pictures: str) -> AliasChoices:
+    """The name of a count in an answer of chat completions, and in one of `images/edits`."""
+    return AliasChoices(f"{chat}_tokens", f"{pictures}_tokens")
+
+
 class Usage(BaseModel):
     """Tokens that the endpoint says it counted; some say null for none."""
 
-    prompt_tokens: _Count = 0
-    completion_tokens: _Count = 0
+    prompt_tokens: _Count = Field(default=0, validation_alias=_either("prompt", "input"))
+    completion_tokens: _Count = Field(default=0, validation_alias=_either("completion", "output"))
 
 
 class _Message(BaseModel):
@@ -168,12 +173,15 @@ def _or_none(told: Any, read: Callable[[Any], Usage | None]) -> Usage | None:
         return None
 
 
+_ToldUsage = Annotated[Usage | None, WrapValidator(_or_none)]
+
+
 class Completion(BaseModel):
     """The part of a chat completion that we read; whatever else it holds is ignored."""
 
     name: ClassVar[str] = "chat completion"
     choices: tuple[_Choice, ...]
-    usage: Annotated[Usage | None, WrapValidator(_or_none)] = None
+    usage: _ToldUsage = None
     model: str | None = None
 
     @property
@@ -204,6 +212,7 @@ class Completion(BaseModel):
 
 class _Picture(BaseModel):
     b64_json: str | None = None
+    url: Any = None
 
 
 class EditedPicture(BaseModel):
@@ -211,7 +220,7 @@ class EditedPicture(BaseModel):
 
     name: ClassVar[str] = "edited picture"
     data: tuple[_Picture, ...]
-    usage: dict[str, Any] | None = None
+    usage: _ToldUsage = None
 
     @property
     def picture(self) -> bytes:
@@ -220,11 +229,14 @@ class EditedPicture(BaseModel):
         Raises:
             NoAnswerError: `no_picture`: there is none, more than one, or an address instead.
         """
-        if len(self.data) != 1 or not self.data[0].b64_json:
-            detail = f"expected one picture as base64, got {len(self.data)} without it"
+        found = [each.b64_json for each in self.data if each.b64_json]
+        if len(found) != 1:
+            is_address = not found and any(each.url for each in self.data)
+            got = "an address" if is_address else len(found)
+            detail = f"expected one picture as base64, got {got}"
             raise NoAnswerError(Reason.NO_PICTURE, detail)
         try:
-            return base64.b64decode(self.data[0].b64_json, validate=True)
+            return base64.b64decode(found[0], validate=True)
         except ValueError:
             raise NoAnswerError(Reason.NO_PICTURE, "the picture is no base64") from None
 

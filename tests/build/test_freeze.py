@@ -31,6 +31,7 @@ from exceptiondrive_build.records import Kind, Record
 from exceptiondrive_build.values import Corners, Edited, Inspected, Verified
 from exceptiondrive_build.workshop import RECORDS, Workshop
 from exceptiondrive_schemas.datasheet import Datasheet, Words
+from exceptiondrive_schemas.protocol import NEWEST, PACKAGED_PROTOCOLS
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_schemas.taxonomy import Strategy
 from exceptiondrive_worker.splits.store import load_split, read_split
@@ -950,8 +951,29 @@ def test_a_file_is_linted_without_a_workshop_unless_one_is_named(
     in_shop = run("lint", "--workshop", shop, "--file", path, "--json").output
     monkeypatch.chdir(tmp_path)
     assert run("lint", "--file", path, "--json").output == in_shop
+    absent = run("lint", "--file", path.with_name("none.json.gz"))
+    assert f"{path.parent}/none.json.gz: none.json.gz cannot be read" in absent.output
     refused = run("lint", "--workshop", tmp_path / "none", "--file", path)
     assert (refused.exit_code, "no workshop" in refused.output) == (2, True)
+
+
+def test_a_file_of_another_protocol_is_linted_by_that(
+    shop: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    split = split_of(frozen(shop, "1"))
+    samples = tuple(it.model_copy(update={"task": f"own_{it.task}"}) for it in split.samples)
+    path, own = tmp_path / "split.json", tmp_path / "own.toml"
+    path.write_text(split.model_copy(update={"samples": samples}).model_dump_json(by_alias=True))
+    text = (PACKAGED_PROTOCOLS / f"{NEWEST}.toml").read_text()
+    own.write_text(text.replace('[[tasks]]\nid = "', '[[tasks]]\nid = "own_'))
+    monkeypatch.chdir(tmp_path)
+    assert run("lint", "--file", path).exit_code == 2
+    for folder in ((), ("--workshop", shop)):
+        told = run("lint", "--file", path, "--protocol", own, *folder)
+        assert (told.exit_code, f"{len(samples)} samples" in told.output) == (0, True), told.output
+    own.write_text("[")
+    assert f"{own}: " in run("lint", "--file", path, "--protocol", own).output
+    assert run("lint", "--workshop", shop, "--protocol", own).exit_code == 2
 
 
 def test_a_file_that_cannot_be_scored_is_refused(shop: Path) -> None:

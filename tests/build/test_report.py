@@ -194,7 +194,7 @@ def test_the_report_notes_what_the_printed_family_shares_fit(papers: Report) -> 
     (note,) = papers.notes
     assert note == (
         "The printed family shares fit the 12,440 source and edited pairs in all; no whole numbers "
-        "of the 3,181 accepted by the review, the 9,259 auxiliary, with the rejected ones."
+        "of the 3,181 accepted by the review, the 9,259 auxiliary, with those that the review rejected."
     )
 
 
@@ -231,6 +231,9 @@ def test_the_command_prints_and_draws_it(papers_shop: Path, tmp_path: Path) -> N
     assert printed.exit_code == 0, printed.output
     for words in ("19.31", "92.31", "163 of 168 passed, 97.02%", "12,440", "visibility"):
         assert words in printed.stdout
+    told = re.findall(r"^unsuitable: ([\d,]+) (.*)", printed.stdout, re.MULTILINE)
+    assert sum(int(n.replace(",", "")) for n, _ in told) == 17_850 - 3_446
+    assert told[-1][1] == "of 11 further kinds: --json"
     assert picture.read_bytes().startswith(b"<?xml")
     as_json = json.loads(CliRunner().invoke(app, [*command[:3], "--json"]).stdout)
     assert as_json["funnel"][2]["n"] == 3_446
@@ -248,6 +251,7 @@ def test_a_picture_that_cannot_be_drawn_is_named_with_why(
     assert f"{path}: " in result.stderr
     assert said in result.stderr
     assert "Errno" not in result.stderr
+    assert "163 of 168 passed" in result.stdout
 
 
 def test_time_and_money_are_of_all_answers_so_far(shop: Path) -> None:

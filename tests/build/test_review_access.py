@@ -21,7 +21,7 @@ from exceptiondrive_build.candidates import walk
 from exceptiondrive_build.cli import app as command_line
 from exceptiondrive_build.records import Kind
 from exceptiondrive_build.report import report
-from exceptiondrive_build.review_page.app import review_app
+from exceptiondrive_build.review_page.app import COOKIE, review_app
 from exceptiondrive_build.values import Inspected, Mark
 from exceptiondrive_build.workshop import Workshop
 
@@ -79,6 +79,18 @@ def test_nothing_is_shown_to_a_browser_that_was_not_let_in(site: Site, shop: Pat
         assert answer.status_code in (403, 422) or told == "/", path
         assert "0 of" not in told
         assert picture not in told
+
+
+def test_a_browser_of_before_a_restart_is_told_to_sign_in(site: Site) -> None:
+    """Sessions end with the process; the page shows the sentence of an answer."""
+    before = site.browser()
+    before.cookies.set(COOKIE, "a session that ended")
+    for path, body in (("inspect/decide", {"card": "0", "value": {}}), ("address", None)):
+        answer = before.post(f"/api/{path}", json=body)
+        assert answer.status_code == 403
+        assert answer.json() == {
+            "sentence": "Open the address that the terminal shows, and sign in."
+        }
 
 
 def test_an_address_works_once_and_the_terminal_is_told_the_next(site: Site) -> None:

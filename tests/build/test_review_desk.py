@@ -150,6 +150,22 @@ def test_the_same_word_sent_again_is_one_decision(desk: Desk) -> None:
     assert len(list(desk.workshop.records.read(Kind.INSPECT))) == 1
 
 
+def test_another_word_after_a_lost_answer_is_told_that_the_first_was_kept(desk: Desk) -> None:
+    seen, read = *desk.claim("inspect", ADA, 1), *desk.claim("verify", ADA, 1)
+    desk.decide("inspect", seen, ADA, PASSED)
+    desk.decide("verify", read, ADA, accepted(desk, read))
+    refused = Inspected(passed=False, reason=Mark.VISIBILITY)
+    with pytest.raises(
+        BuildError, match=r"Your first word on this card was kept\. U takes it back"
+    ):
+        desk.decide("inspect", seen, ADA, refused)
+    with pytest.raises(BuildError, match="U takes it back"):
+        desk.decide("verify", read, ADA, Verified(accepted=False, reason="task"))
+    assert desk.undo("inspect", ADA) is not None
+    desk.decide("inspect", seen, ADA, refused)
+    assert [it.value for it in desk.standing("inspect", seen)] == [refused.model_dump(mode="json")]
+
+
 def test_undo_takes_back_one_decision_after_the_other_and_keeps_all_records(desk: Desk) -> None:
     first, second = desk.claim("inspect", ADA, 2)
     desk.decide("inspect", first, ADA, Inspected(passed=True, note="first"))
@@ -271,6 +287,14 @@ def test_a_reading_taken_back_is_open_for_desk_and_report_alike(desk: Desk) -> N
     assert verified.open == left == 41
 
 
+def test_a_third_reader_is_told_why_another_rejects(desk: Desk) -> None:
+    (card_,) = desk.claim("verify", ADA, 1)
+    desk.decide("verify", card_, ADA, Verified(accepted=False, reason="calibration"))
+    take(desk, GRACE, card_)
+    desk.decide("verify", card_, GRACE, accepted(desk, card_))
+    assert [it["reason"] for it in card(desk, "verify", card_)["others"]] == ["calibration", None]
+
+
 def test_two_who_never_agree_leave_every_card_in_a_clear_state(desk: Desk) -> None:
     for holder, ahead_m in ((ADA, 0.0), (GRACE, 3.0)):
         for card_ in desk.claim("verify", holder, 99):
@@ -389,6 +413,20 @@ def test_what_was_taken_back_is_no_decision_of_the_report(desk: Desk) -> None:
     desk.decide("inspect", card_, ADA, Inspected(passed=False, reason=Mark.VISIBILITY))
     (inspected, _) = report(desk.workshop).people
     assert inspected.decisions == desk.progress("inspect", "ada").mine == 1
+
+
+def test_the_report_counts_what_people_refused_edits_and_regions_for(desk: Desk) -> None:
+    seen, other, read = desk.cards("inspect")[:3]
+    desk.decide("inspect", seen, ADA, Inspected(passed=False, reason=Mark.VISIBILITY))
+    desk.decide("inspect", other, ADA, Inspected(passed=False))
+    desk.decide("verify", read, ADA, Verified(accepted=False, reason="task"))
+    desk.decide("verify", read, GRACE, Verified(accepted=False, reason="location"))
+    assert report(desk.workshop).rejected_because == {
+        "inspected:no_reason": 1,
+        "inspected:visibility": 1,
+        "region:location": 1,
+        "region:task": 1,
+    }
 
 
 def test_a_region_that_is_reopened_goes_to_both_readers_again(desk: Desk, folder: Path) -> None:

@@ -3,11 +3,13 @@
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image
 from playwright.sync_api import Browser, Page, ViewportSize, expect
 from playwright.sync_api import Error as PlaywrightError
 from tests.build.shop import ground_polygon, make_shop
@@ -20,8 +22,9 @@ from exceptiondrive_build.records import Kind, Record
 from exceptiondrive_build.review_page.app import review_app
 from exceptiondrive_build.review_page.desk import Desk
 from exceptiondrive_build.review_page.leases import Holder
-from exceptiondrive_build.values import Corners, Verified
+from exceptiondrive_build.values import Corners, Edited, Verified
 from exceptiondrive_build.workshop import Workshop, new_workshop
+from exceptiondrive_schemas.taxonomy import RegionKind
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 WIDE: ViewportSize = {"width": 1440, "height": 900}
@@ -84,7 +87,16 @@ def card_of(page: Page) -> str:
 def begin(page: Page, queue: str) -> str:
     page.goto(f"{page.url.split('/', 3)[0]}//{page.url.split('/', 3)[2]}/{queue}")
     page.wait_for_selector("#card:not([hidden])")
+    await_pictures(page)
     return card_of(page)
+
+
+def await_pictures(page: Page) -> None:
+    """Wait until the edited views are there: before, no decision is taken."""
+    page.wait_for_function(
+        "[...document.querySelectorAll('.thumb.is-edited img')]"
+        ".every(one => one.complete && one.naturalWidth)"
+    )
 
 
 def press(page: Page, *keys: str) -> None:
@@ -100,6 +112,7 @@ def decide(page: Page, *keys: str) -> str:
         "before => document.body.dataset.card !== before || document.getElementById('card').hidden",
         arg=before,
     )
+    await_pictures(page)
     return before
 
 
@@ -415,6 +428,67 @@ def test_what_is_not_kept_stays_on_the_screen_until_it_is(site: Site, browser: B
     decide(page, "a")
     (record,) = site.records(Kind.INSPECT)
     assert (record.candidate, (record.value or {})["note"]) == (before, "mine")
+
+
+def test_a_key_that_is_held_decides_one_card(site: Site, browser: Browser) -> None:
+    page = site.reviewer(browser, "ada")
+    begin(page, "inspect")
+    for keys in (("a",), ("r", "5")):
+        before = card_of(page)
+        press(page, *keys[:-1])
+        for _ in range(20):
+            page.keyboard.down(keys[-1])
+            await_pictures(page)
+        page.keyboard.up(keys[-1])
+        page.wait_for_function("before => document.body.dataset.card !== before", arg=before)
+    page.focus("#accept")
+    for _ in range(20):
+        page.keyboard.down("Enter")
+        await_pictures(page)
+    page.keyboard.up("Enter")
+    expect(page.locator("#pace")).to_contain_text("3 of 21 decided")
+    assert [(it.value or {})["passed"] for it in site.records(Kind.INSPECT)] == [True, False, True]
+
+
+def test_where_an_edited_picture_is_missing_nothing_stands_in_and_nothing_is_decided(
+    site: Site, browser: Browser
+) -> None:
+    ada = site.reviewer(browser, "ada")
+    sample_id = begin(ada, "inspect")
+    edited = site.candidates()[sample_id].edited
+    assert isinstance(edited, Edited)
+    lost = site.shop / "images" / edited.images["CAM_FRONT"]
+    lost.rename(site.shop / "elsewhere")
+    page = site.reviewer(browser, "grace")
+    ada.goto(site.address)  # gives the card back
+    page.goto(f"{site.address}/inspect")
+    page.wait_for_selector("#card:not([hidden])")
+    page.wait_for_load_state("networkidle")
+    assert card_of(page) == sample_id
+    with Image.open(BytesIO(page.locator("#focus").screenshot())) as shown:
+        assert shown.convert("RGB").getpixel((shown.width // 2, shown.height // 4)) == (0, 0, 0)
+    for keys in ("a", "r5"):
+        press(page, *keys)
+        expect(page.locator("#notice")).to_contain_text("A picture of this card is missing")
+    assert site.records(Kind.INSPECT) == []
+    (site.shop / "elsewhere").rename(lost)
+    begin(page, "inspect")
+    decide(page, "a")
+    assert [record.candidate for record in site.records(Kind.INSPECT)] == [sample_id]
+
+
+def test_readers_are_asked_by_the_kind_of_region(site: Site, browser: Browser) -> None:
+    page = site.reviewer(browser, "ada")
+    begin(page, "verify")
+    kinds = set()
+    for candidate in site.candidates().values():
+        expect(page.locator("#hazard")).to_have_text(candidate.task.hazard)
+        is_space = candidate.task.region is RegionKind.PHYSICAL
+        asked = "the space that the hazard takes?" if is_space else "the no-go area"
+        expect(page.locator("#kind")).to_contain_text(asked)
+        kinds.add(is_space)
+        decide(page, "s")
+    assert kinds == {True, False}
 
 
 def test_corners_are_moved_and_pictures_flipped_by_touch(site: Site, browser: Browser) -> None:

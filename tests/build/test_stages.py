@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +16,9 @@ from typer.testing import CliRunner, Result
 from exceptiondrive_build.asking import read_answers
 from exceptiondrive_build.candidates import Candidate, walk
 from exceptiondrive_build.cli import app
+from exceptiondrive_build.editing import fitted
 from exceptiondrive_build.measure import read_picture
-from exceptiondrive_build.records import Kind
+from exceptiondrive_build.records import Kind, Records
 from exceptiondrive_build.values import Edited, Screened, Unanswered
 from exceptiondrive_build.workshop import Workshop, new_workshop
 
@@ -197,6 +199,26 @@ def test_a_malformed_answer_is_asked_again_then_recorded_as_such(
     assert "I will not" in texts
 
 
+@pytest.mark.parametrize("where", ["before the answer", "in its note"])
+def test_a_long_answer_is_kept_and_asked_for_once(
+    shop: Path, stand_in: StandIn, where: str
+) -> None:
+    answer, long = screen_answer(False, reason="no_room"), 4000 * "I wonder. "
+    thought = f"<think>{long}</think>" if where == "before the answer" else ""
+    said = thought + json.dumps(answer if thought else answer | {"note": long})
+    stand_in.fault = lambda seen: stand_in.says(said)
+    assert report(shop, "screen", "--limit", "1")["decided"] == 1
+    with Workshop(shop) as workshop:
+        (kept,) = read_answers(workshop, Kind.SCREEN)
+    assert kept.text == said
+    with Workshop(shop) as workshop:
+        workshop.records.close()
+    (shop / "records.sqlite3").unlink()
+    Records(shop / "records.sqlite3").close()
+    again = report(shop, "screen", "--limit", "1")
+    assert (again["decided"], again["calls"]) == (1, 0)
+
+
 def wrong(**fields: Any) -> dict[str, Any]:
     edit = {"view": "CAM_FRONT", "instruction": "here"}
     return screen_answer(True, target=(12.0, 0.0), edits=[edit]) | fields
@@ -253,8 +275,8 @@ def test_an_endpoint_that_fails_for_a_while_is_asked_again(
 @pytest.mark.parametrize(
     ("fault", "reason", "exit_code"),
     [
-        (Reply(b"<html>welcome</html>"), "bad_response", 0),
-        (StandIn.fails(400, "picture too large"), "request_refused", 0),
+        (Reply(b"<html>welcome</html>"), "bad_response", 2),
+        (StandIn.fails(400, "picture too large"), "request_refused", 2),
         (StandIn.fails(503, headers={"retry-after-ms": "1"}), "server_error", 5),
     ],
 )
@@ -276,7 +298,7 @@ def test_what_an_endpoint_that_has_answered_refuses_does_not_stop_a_stage(
     change(shop, "workshop.toml", '"RS1"]', '"RS1", "SE2"]')
     assert report(shop, "screen", "--limit", "1")["still_open"] == 20
     stand_in.fault = lambda seen: stand_in.fails(400, "content policy")
-    assert report(shop, "screen")["failed"] == {"request_refused": 20}
+    assert report(shop, "screen", exit_code=2)["failed"] == {"request_refused": 20}
 
 
 def test_an_endpoint_that_is_not_there_is_named(shop: Path, stand_in: StandIn) -> None:
@@ -350,15 +372,22 @@ def test_an_edited_picture_that_cannot_be_used_is_asked_for_again_then_recorded(
 
 
 @pytest.mark.parametrize(
-    "body",
-    [{"data": []}, {"data": [{"url": "http://127.0.0.1/x.png"}]}, {"data": [{"b64_json": "%"}]}],
+    ("data", "said"),
+    [
+        ([], "expected one picture as base64, got 0"),
+        ([{"url": "http://127.0.0.1/x.png"}], "expected one picture as base64, got an address"),
+        (2 * [{"b64_json": "AAAA"}], "expected one picture as base64, got 2"),
+        ([{"b64_json": "%"}], "the picture is no base64"),
+    ],
 )
 def test_an_answer_without_a_picture_is_none(
-    shop: Path, stand_in: StandIn, body: dict[str, Any]
+    shop: Path, stand_in: StandIn, data: list[dict[str, str]], said: str
 ) -> None:
     report(shop, "screen")
-    stand_in.fault = lambda seen: Reply(json.dumps(body).encode())
-    assert report(shop, "edit", "--limit", "1")["failed"] == {"no_picture": 1}
+    stand_in.fault = lambda seen: Reply(json.dumps({"data": data}).encode())
+    done = report(shop, "edit", "--limit", "1")
+    assert done["failed"] == {"no_picture": 1}
+    assert list(done["first_failures"].values()) == [f"no_picture: {said}"]
 
 
 def test_a_picture_of_the_same_shape_is_scaled_unless_the_settings_say_no(
@@ -373,6 +402,48 @@ def test_a_picture_of_the_same_shape_is_scaled_unless_the_settings_say_no(
     assert read_picture(data).size == (320, 180)
     change(shop, "workshop.toml", "seed = 1\n\n[review]", "seed = 1\nresample = false\n\n[review]")
     assert report(shop, "edit", "--limit", "1")["failed"] == {"wrong_size": 1}
+
+
+def cut_out(mode: str, size: tuple[int, int]) -> bytes:
+    """A red picture, all of which is transparent."""
+    if mode == "RGBA":
+        return png(Image.new("RGBA", size, (200, 20, 20, 0)))
+    file, image = BytesIO(), Image.new("P", size, 0)
+    image.putpalette([200, 20, 20])
+    image.save(file, "PNG", transparency=0)
+    return file.getvalue()
+
+
+@pytest.mark.parametrize("size", [(320, 180), (640, 360)])
+@pytest.mark.parametrize("mode", ["RGBA", "P"])
+def test_of_a_transparent_picture_people_see_the_colours_that_are_measured(
+    mode: str, size: tuple[int, int]
+) -> None:
+    data, extension = fitted(cut_out(mode, size), (320, 180), resample=True)
+    kept = read_picture(data)
+    assert (extension, kept.size, kept.has_transparency_data) == ("png", (320, 180), False)
+    assert kept.convert("RGB").getpixel((160, 90)) == (200, 20, 20)
+
+
+@pytest.mark.parametrize(
+    ("usage", "tokens"),
+    [
+        ({"input_tokens": 12, "output_tokens": 34}, (12, 34)),
+        ({"input_tokens": [True]}, (None, None)),
+        ({"input_tokens": -1}, (None, None)),
+        ("many", (None, None)),
+    ],
+)
+def test_counts_of_an_editor_that_cannot_be_read_spoil_no_picture(
+    shop: Path, stand_in: StandIn, usage: object, tokens: tuple[int | None, int | None]
+) -> None:
+    report(shop, "screen")
+    body = json.loads(picture(png_of(320, 180)).body) | {"usage": usage}
+    stand_in.fault = lambda seen: Reply(json.dumps(body).encode())
+    assert report(shop, "edit", "--limit", "1")["decided"] == 1
+    with Workshop(shop) as workshop:
+        (answer, *_) = read_answers(workshop, Kind.EDIT)
+    assert (answer.prompt_tokens, answer.completion_tokens) == tokens
 
 
 def test_an_editor_that_takes_no_response_format_is_asked_without(
@@ -404,7 +475,7 @@ def test_every_view_of_a_candidate_or_none_and_no_view_is_paid_for_twice(
     report(shop, "screen", "--limit", "1")
     left = [None, None, stand_in.fails(400, "no")]
     stand_in.fault = lambda seen: left.pop(0)
-    done = report(shop, "edit")
+    done = report(shop, "edit", exit_code=2)
     assert (done["calls"], done["decided"], done["still_open"]) == (3, 0, 1)
     assert not any(candidate.edited for candidate in walked(shop).values())
     stand_in.fault = lambda seen: None
@@ -476,12 +547,12 @@ def test_two_runs_of_one_stage_do_not_both_pay(shop: Path, stand_in: StandIn) ->
 
 
 def test_what_a_model_says_cannot_steer_a_terminal(shop: Path, stand_in: StandIn) -> None:
-    answer = screen_answer(False, reason="no_room") | {"note": "\x1b]0;owned\x07 free road"}
+    answer = screen_answer(False, reason="no_room") | {"note": "\x1b]0;owned\x07 free \ud800 road"}
     stand_in.fault = lambda seen: stand_in.says(json.dumps(answer))
     assert report(shop, "screen", "--limit", "1")["decided"] == 1
     notes = [c.screened.note for c in walked(shop).values() if isinstance(c.screened, Screened)]
     assert "\x1b" not in notes[0]
-    assert "free road" in notes[0]
+    assert "free \ufffd road" in notes[0]
 
 
 def test_the_auxiliary_draw_is_edited_and_in_nothing_else(shop: Path, stand_in: StandIn) -> None:

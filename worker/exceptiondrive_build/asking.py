@@ -16,7 +16,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 from pydantic import Field
 
@@ -35,7 +35,8 @@ from exceptiondrive_endpoints.journal import Journal, read_journal
 from exceptiondrive_schemas.base import Document, content_digest
 from exceptiondrive_schemas.printable import counted
 
-MAX_TEXT = 20_000
+MAX_UNUSABLE_TEXT = 20_000
+"""So many characters are kept of an answer that cannot be used; one that can is read again, whole."""
 
 
 class AnswersHeader(Document):
@@ -76,7 +77,7 @@ class Answer(Document):
     seconds: float
     reason: Reason | None = None
     detail: str | None = None
-    text: Annotated[str, Field(max_length=MAX_TEXT)] | None = None
+    text: str | None = None
     image: str | None = None
     model: str
     answered_by: str | None = None
@@ -208,6 +209,11 @@ class StageReport(Document):
     def is_unreachable(self) -> bool:
         """Whether candidates are left open because an endpoint never answered."""
         return any(Reason(reason).is_unreachable for reason in self.failed)
+
+    @property
+    def is_in_vain(self) -> bool:
+        """Whether questions were asked, and nothing came of any."""
+        return bool(self.failed) and not (self.decided or self.recorded_without_answer)
 
 
 def read_answers(workshop: Workshop, kind: Kind) -> tuple[Answer, ...]:
@@ -352,7 +358,7 @@ class _Run:
         try:
             await self._stage.ask(endpoint, candidate, question, known)
         except NoAnswerError as error:
-            text = None if error.raw is None else error.raw[:MAX_TEXT]
+            text = None if error.raw is None else error.raw[:MAX_UNUSABLE_TEXT]
             known |= {"reason": error.reason, "detail": error.detail, "text": text}
         answer = Answer(**known, seconds=round(time.perf_counter() - began, 3))
         self._journal.append(answer)

@@ -132,9 +132,13 @@ class Candidate:
     @property
     def is_accepted(self) -> bool:
         """Whether the pictures are good enough: a person's newest word, else the review's."""
-        if self.inspected is None or not self.is_suitable:
+        return self.accepted_after(self.inspected)
+
+    def accepted_after(self, word: Inspected | None) -> bool:
+        """The same, where this is the newest word of a person."""
+        if word is None or not self.is_suitable:
             return self.passed_review
-        return self.inspected.passed
+        return word.passed
 
     @cached_property
     def pictures(self) -> tuple[str, ...]:

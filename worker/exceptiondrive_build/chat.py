@@ -1,7 +1,6 @@
 """Screening and review: a chat model sees pictures, and its answer is checked key by key."""
 
 import asyncio
-import json
 from abc import abstractmethod
 from collections.abc import Sequence
 from typing import Any, TypeVar
@@ -232,7 +231,7 @@ def _edited(candidate: Candidate) -> Edited:
 
 def _read(text: str, form: type[Read]) -> Read:
     try:
-        return form.model_validate_json(json.dumps(json_object(text)))
+        return form.model_validate(json_object(text))
     except ValidationError as error:
         raise _wrong(sentence_of(error), text) from None
 

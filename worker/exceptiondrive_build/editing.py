@@ -48,7 +48,8 @@ class EditStage(Stage):
         source = await asyncio.to_thread(self.picture, question.images[question.part])
         answer, untaken = await endpoint.edit(source, question.words[0], settings.seed)
         known["form"] = "".join(f"without {name} " for name in untaken).strip() or "images/edits"
-        known |= _tokens(answer.usage)
+        if answer.usage is not None:
+            known |= answer.usage.model_dump()
         camera = candidate.keyframe.camera(question.part)
         size = (camera.width_px, camera.height_px)
         data, extension = await asyncio.to_thread(fitted, answer.picture, size, settings.resample)
@@ -64,7 +65,8 @@ class EditStage(Stage):
 def fitted(data: bytes, size: tuple[int, int], resample: bool) -> tuple[bytes, str]:
     """Return an edited picture in the size of its source, (width, height), without metadata.
 
-    With `resample` a picture of the same shape but another size is scaled.
+    With `resample` a picture of the same shape but another size is scaled. It is opaque: people see
+    the colours that are measured.
 
     Returns:
         The bytes, which are those of the endpoint where nothing had to be changed, and the ending
@@ -82,22 +84,16 @@ def fitted(data: bytes, size: tuple[int, int], resample: bool) -> tuple[bytes, s
         if not resample or abs(shape / wanted - 1) > SAME_SHAPE:
             detail = f"asked for {size[0]} x {size[1]} pixels, got {image.width} x {image.height}"
             raise NoAnswerError(Reason.WRONG_SIZE, detail)
-        image = image.resize(size, Image.Resampling.LANCZOS)
-    elif image.format in ("PNG", "JPEG"):
+    elif image.format in ("PNG", "JPEG") and not image.has_transparency_data:
         try:
             clean = clean_image(data)
         except ImageDataError as error:
             raise NoAnswerError(Reason.NO_PICTURE, str(error)) from None
         return clean.data, clean.extension
     file = BytesIO()
-    image.convert("RGB").save(file, "PNG")
+    image.info.pop("transparency", None)  # a converted picture would keep it
+    image.convert("RGB").resize(size, Image.Resampling.LANCZOS).save(file, "PNG")
     return file.getvalue(), "png"
-
-
-def _tokens(usage: dict[str, Any] | None) -> dict[str, int]:
-    found = usage or {}
-    names = {"prompt_tokens": "input_tokens", "completion_tokens": "output_tokens"}
-    return {ours: found[name] for ours, name in names.items() if isinstance(found.get(name), int)}
 
 
 def _place(candidate: Candidate) -> Screened:

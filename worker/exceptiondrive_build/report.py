@@ -4,22 +4,22 @@ All of it is counted anew from records and answers. Nothing here names a region 
 """
 
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from datetime import datetime
 from itertools import pairwise
 from typing import Annotated
 
 from pydantic import Field
 
-from exceptiondrive_build.agreement import agreement, readings_left
+from exceptiondrive_build.agreement import agreement, outcome, readings, readings_left
 from exceptiondrive_build.asking import Stage, read_answers
 from exceptiondrive_build.candidates import Candidate, walk
-from exceptiondrive_build.chat import ReviewStage, ScreenStage
 from exceptiondrive_build.dry_run import StagePlan, dry_run
-from exceptiondrive_build.editing import EditStage
 from exceptiondrive_build.inspection import to_inspect
 from exceptiondrive_build.numbers import audit, cells, is_verified
 from exceptiondrive_build.records import Kind, person_key, standing
+from exceptiondrive_build.settings import VerifySection
+from exceptiondrive_build.stages import STAGES
 from exceptiondrive_build.values import Edited, Mark, Reviewed, Screened, Unanswered
 from exceptiondrive_build.workshop import Workshop
 from exceptiondrive_schemas.base import Document
@@ -27,7 +27,7 @@ from exceptiondrive_schemas.datasheet import Agreement, Audit, Cell
 
 PAUSE_S = 300.0
 """A longer gap between two decisions of a person is a pause, and no work."""
-STAGES: tuple[type[Stage], ...] = (ScreenStage, EditStage, ReviewStage)
+NO_REASON = "no_reason"
 
 
 class Line(Document):
@@ -112,7 +112,9 @@ def report(workshop: Workshop) -> Report:
     return Report(
         name=settings.name,
         funnel=funnel,
-        rejected_because=_counted(code for c in everything for code in c.review_faults),
+        rejected_because=_counted(
+            code for c in everything for code in _rejections(c, settings.verify)
+        ),
         unsuitable_because=_counted(
             f"{c.task.id} {c.screened.reason}"
             for c in everything
@@ -133,7 +135,7 @@ def report(workshop: Workshop) -> Report:
         marks=_marks(everything),
         audit=audit(candidates, settings.inspect),
         agreement=agreement(verifications, settings.verify) if verifications else None,
-        spent=tuple(_spent(stage(workshop), candidates) for stage in STAGES),
+        spent=tuple(_spent(stage(workshop), candidates) for stage in STAGES.values()),
         people=_people(workshop, candidates),
         currency=settings.currency,
         notes=_notes(settings.printed_family_shares, funnel),
@@ -170,10 +172,20 @@ def _funnel(workshop: Workshop, candidates: Mapping[str, Candidate]) -> tuple[Li
         ("localized", "with a proposed region", len(located), len(kept)),
         ("verified", "with a verified region", verified, len(located)),
         ("drawn", "auxiliary, drawn and edited", drawn, pairs),
-        ("auxiliary", "auxiliary, with the rejected ones", drawn + rejected, pairs),
+        ("auxiliary", "auxiliary, with those that the review rejected", drawn + rejected, pairs),
         ("pairs", "source and edited pairs in all", pairs, pairs),
     )
     return tuple(Line(id=key, title=title, n=n, of=of) for key, title, n, of in rows)
+
+
+def _rejections(candidate: Candidate, limits: VerifySection) -> Iterator[str]:
+    """Codes why an edit is rejected: of the review, `inspected:<mark>`, `region:<what was checked>`."""
+    yield from candidate.review_faults
+    if candidate.inspected is not None and not candidate.inspected.passed:
+        yield f"inspected:{candidate.inspected.reason or NO_REASON}"
+    if outcome(candidate.verifications, limits).state == "rejected":
+        words = [word for _, word in readings(candidate.verifications) if not word.accepted]
+        yield from {f"region:{word.reason or NO_REASON}" for word in words}
 
 
 def _counted(codes: Iterable[str]) -> dict[str, int]:

@@ -13,8 +13,10 @@ from exceptiondrive_build.numbers import AuditPlan, audit_plan
 from exceptiondrive_build.report import Line, Report, report
 from exceptiondrive_build.workshop import Workshop
 from exceptiondrive_schemas.datasheet import Cell
+from exceptiondrive_schemas.printable import counted
 
 PIPED_WIDTH = 140
+MOST_REASONS = 10
 
 
 def register(app: typer.Typer) -> None:
@@ -33,14 +35,14 @@ def report_command(
     """Count everything: funnel, families, marks, audit, agreement, time and money."""
     with Workshop(workshop) as opened:
         found = report(opened)
-    if plot is not None:
-        from exceptiondrive_build.plots import draw_report
-
-        draw_report(found, plot)
     if json:
         typer.echo(found.model_dump_json(indent=2))
     else:
         show_report(found)
+    if plot is not None:
+        from exceptiondrive_build.plots import draw_report
+
+        draw_report(found, plot)
 
 
 def plan_command(
@@ -77,8 +79,11 @@ def show_report(found: Report) -> None:
         ("unsuitable", found.unsuitable_because),
         ("no usable answer", found.without_answer),
     ):
-        for reason, count in list(reasons.items())[:10]:
+        for reason, count in list(reasons.items())[:MOST_REASONS]:
             out.print(f"{title}: {count:,} {reason}")
+        rest = list(reasons.values())[MOST_REASONS:]
+        if rest:
+            out.print(f"{title}: {sum(rest):,} of {counted(len(rest), 'further kind')}: --json")
     if found.audit is not None:
         audit = found.audit
         out.print(

@@ -5,24 +5,17 @@ from typing import Annotated
 
 import typer
 
-from exceptiondrive_build.asking import Stage, StageReport, run_stage
+from exceptiondrive_build.asking import StageReport, run_stage
 from exceptiondrive_build.candidates import walk
-from exceptiondrive_build.chat import ReviewStage, ScreenStage
 from exceptiondrive_build.cli import Json, WorkshopFolder
 from exceptiondrive_build.dry_run import StagePlan, dry_run
-from exceptiondrive_build.editing import EditStage
 from exceptiondrive_build.errors import BuildError
 from exceptiondrive_build.localizing import localize, localize_by_hand
-from exceptiondrive_build.records import Kind
+from exceptiondrive_build.stages import STAGES
 from exceptiondrive_build.workshop import Workshop
 from exceptiondrive_endpoints.errors import GO_ON
 from exceptiondrive_schemas.printable import counted, printable
 
-STAGES: dict[str, type[Stage]] = {
-    Kind.SCREEN: ScreenStage,
-    Kind.EDIT: EditStage,
-    Kind.REVIEW: ReviewStage,
-}
 _LOCALIZE_HELP = """Propose a region for every edit that is accepted, or waits for a person who may
 accept it.
 
@@ -75,6 +68,8 @@ def run(
     typer.echo(report.model_dump_json(indent=2) if json else report_text(report))
     if report.is_unreachable:
         raise typer.Exit(5)
+    if report.is_in_vain:
+        raise typer.Exit(2)
 
 
 def localize_command(

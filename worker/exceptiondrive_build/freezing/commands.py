@@ -28,7 +28,13 @@ from exceptiondrive_build.values import MAX_REASON_LENGTH, Withdrawn
 from exceptiondrive_build.workshop import GIT_IGNORE, IGNORE_ALL, SETTINGS, Workshop
 from exceptiondrive_schemas.datasheet import Datasheet
 from exceptiondrive_schemas.printable import printable
-from exceptiondrive_schemas.protocol import NEWEST, packaged_protocol
+from exceptiondrive_schemas.protocol import (
+    NEWEST,
+    ProtocolDocument,
+    ProtocolError,
+    packaged_protocol,
+    read_protocol,
+)
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_worker.jury import Verdict, files_of_jury, jury
 from exceptiondrive_worker.splits.faults import SplitRefusedError, split_faults
@@ -58,6 +64,12 @@ def lint_split(
             help="A split file, in place of what the workshop would freeze; it needs no workshop."
         ),
     ] = None,
+    protocol: Annotated[
+        Path | None,
+        typer.Option(
+            help="Of --file: a protocol document; by default the workshop's, without one the newest."
+        ),
+    ] = None,
     jury_folder: Annotated[
         Path | None, typer.Option("--jury", help="Folder with files of known planners.")
     ] = None,
@@ -67,16 +79,20 @@ def lint_split(
 
     Exit code 2: it cannot be scored, or the jury objects.
     """
-    if file and workshop == Path() and not (workshop / SETTINGS).exists():
-        protocol, split = packaged_protocol(NEWEST), _read(file)
+    if protocol and not file:
+        raise typer.BadParameter(
+            "--protocol goes with --file: workshop.toml names the workshop's own"
+        )
+    if file and (protocol or (workshop == Path() and not (workshop / SETTINGS).exists())):
+        rules, split = _rules(protocol), _read(file)
     else:
         with Workshop(workshop) as shop:
-            protocol = shop.protocol
+            rules = shop.protocol
             split = _read(file) if file else freeze(shop, walk(shop)).split
-    faults = split_faults(split, protocol)
+    faults = split_faults(split, rules)
     if faults and not json:
         raise BuildError(str(SplitRefusedError(split.name, faults)))
-    warnings = () if faults else split_warnings(split, protocol)
+    warnings = () if faults else split_warnings(split, rules)
     verdicts: list[Verdict] = []
     if jury_folder is not None and not faults:
         with tempfile.TemporaryDirectory() as folder:
@@ -84,9 +100,7 @@ def lint_split(
             verdicts = [
                 replace(verdict, part=part)
                 for part in parts_of(split)
-                for verdict in jury(
-                    load_split(split, protocol, part), protocol, files, Path(folder)
-                )
+                for verdict in jury(load_split(split, rules, part), rules, files, Path(folder))
             ]
     if json:
         report = check_report(split, faults, warnings)
@@ -248,11 +262,18 @@ def withdraw(
     typer.echo(f"{'restored' if restore else 'withdrawn'}: {len(set(sample_ids)):,}")
 
 
+def _rules(path: Path | None) -> ProtocolDocument:
+    try:
+        return read_protocol(path) if path else packaged_protocol(NEWEST)
+    except ProtocolError as error:
+        raise BuildError(f"{path}: {error}") from None
+
+
 def _read(path: Path) -> Split:
     try:
         return read_split(path)
     except SplitUnreadableError as error:
-        raise BuildError(str(error)) from None
+        raise BuildError(f"{path}: {error}") from None
 
 
 def _sheet_of(split: Split, path: Path) -> Datasheet | None:

@@ -34,7 +34,7 @@ from exceptiondrive_build.review_page.desk import Desk, Queue, TakenError
 from exceptiondrive_build.review_page.doors import Doors
 from exceptiondrive_build.review_page.leases import Holder
 from exceptiondrive_build.review_page.region import measured
-from exceptiondrive_build.values import Inspected, Mark, Verified
+from exceptiondrive_build.values import Checked, Inspected, Mark, Verified
 from exceptiondrive_build.workshop import Workshop
 from exceptiondrive_schemas.base import Document, faults_in
 
@@ -64,7 +64,12 @@ REASONS = (
     (Mark.CONFLICT_CLARITY, "no clear conflict"),
 )
 """What an edit may be refused for, in the order of the digits."""
-CHECKS = (("location", "L"), ("views", "V"), ("calibration", "K"), ("task", "T"))
+CHECKS: tuple[tuple[Checked, str], ...] = (
+    ("location", "L"),
+    ("views", "V"),
+    ("calibration", "K"),
+    ("task", "T"),
+)
 """What a verification checks, with its key."""
 TAKEN = (
     "This card has moved on while this browser was away: somebody else has it, or has decided, or "
@@ -102,6 +107,7 @@ def review_app(folder: Path, announce: Callable[[str], None], *, lease_s: float 
     app.middleware("http")(_guard)
     app.add_exception_handler(BuildError, _told)
     app.add_exception_handler(TakenError, _taken)
+    app.add_exception_handler(HTTPException, _refused)
     app.add_exception_handler(RequestValidationError, _not_read)
     _add_doors(app)
     _add_pages(app)
@@ -131,6 +137,11 @@ async def _told(request: Request, error: Exception) -> Response:
 
 async def _taken(_: Request, __: Exception) -> Response:
     return JSONResponse({"sentence": TAKEN}, status_code=409)
+
+
+async def _refused(_: Request, error: Exception) -> Response:
+    assert isinstance(error, HTTPException)
+    return JSONResponse({"sentence": error.detail}, error.status_code)
 
 
 async def _not_read(_: Request, __: Exception) -> Response:

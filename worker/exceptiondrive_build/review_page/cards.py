@@ -17,7 +17,6 @@ def card(desk: Desk, queue: Queue, sample_id: str) -> dict[str, Any]:
     keyframe, task, protocol = candidate.keyframe, candidate.task, desk.workshop.protocol
     screened, reviewed = candidate.screened, candidate.reviewed
     is_third = queue == "verify" and desk.is_third(sample_id)
-    families = {family.id: family.title for family in protocol.taxonomy.families}
     return {
         "id": sample_id,
         "third": is_third,
@@ -28,7 +27,6 @@ def card(desk: Desk, queue: Queue, sample_id: str) -> dict[str, Any]:
         "task": {
             "id": task.id,
             "title": task.title,
-            "family": families[task.family],
             "hazard": task.hazard,
             "region": task.region,
             "words": desk.workshop.task_texts[task.id].edit,
@@ -43,9 +41,8 @@ def card(desk: Desk, queue: Queue, sample_id: str) -> dict[str, Any]:
         "d_safe_m": task.d_safe_m * protocol.grading.d_safe_scale,
         "corners": candidate.localized.corners if candidate.localized else None,
         "source": candidate.localized.source if candidate.localized else None,
-        "score": candidate.localized.score if candidate.localized else None,
         "others": [
-            word.model_dump(mode="json", include={"accepted", "corners", "note", "checked"})
+            word.model_dump(mode="json", exclude={"blind"})
             for _, word in (readings(desk.standing("verify", sample_id)) if is_third else [])
             if word.blind
         ],
@@ -57,9 +54,8 @@ def _view(candidate: Candidate, camera: Camera) -> dict[str, Any]:
     edited = (
         candidate.edited.images.get(camera.view) if isinstance(candidate.edited, Edited) else None
     )
-    reviewed, screened = candidate.reviewed, candidate.screened
+    reviewed = candidate.reviewed
     change = reviewed.changes.get(camera.view) if isinstance(reviewed, Reviewed) else None
-    asked = screened.views if isinstance(screened, Screened) else ()
     return {
         "name": camera.view,
         "source": camera.image,
@@ -68,5 +64,4 @@ def _view(candidate: Candidate, camera: Camera) -> dict[str, Any]:
         "height": camera.height_px,
         "ground": projection(camera)[:, [0, 1, 3]].tolist(),
         "change": change.model_dump() if change else None,
-        "instruction": next((one.instruction for one in asked if one.view == camera.view), ""),
     }

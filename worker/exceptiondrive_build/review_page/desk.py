@@ -9,7 +9,7 @@ import time
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 from exceptiondrive_build.agreement import outcome, readings_left
 from exceptiondrive_build.candidates import Candidate, walk
@@ -18,7 +18,7 @@ from exceptiondrive_build.inspection import to_inspect
 from exceptiondrive_build.records import Author, Kind, Record, now_text, person_key, standing
 from exceptiondrive_build.review_page.leases import Holder, Leases
 from exceptiondrive_build.review_page.region import region_faults
-from exceptiondrive_build.values import Inspected, Verified
+from exceptiondrive_build.values import Checked, Inspected, Verified
 from exceptiondrive_build.workshop import RECORDS, Workshop
 
 Queue = Literal["inspect", "verify"]
@@ -203,7 +203,8 @@ class Desk:
         verification says how the card was shown.
 
         Raises:
-            BuildError: It cannot be kept, the region cannot be scored, or nothing of it was checked.
+            BuildError: It cannot be kept, the region cannot be scored, nothing of it was checked, or
+                another word of this person stands.
             TakenError: The card was given to somebody else meanwhile, its readings changed, or its
                 pictures are not those that this browser was shown.
         """
@@ -222,11 +223,13 @@ class Desk:
             if faults:
                 raise BuildError(f"This region cannot be scored: {'; '.join(faults)}.")
             if value.accepted and not value.checked:
-                raise BuildError("Say what you checked: location, views, calibration, task.")
+                raise BuildError(f"Say what you checked: {', '.join(get_args(Checked))}.")
         own = self.own(queue, sample_id, holder.reviewer)
         told = value.model_dump(mode="json")
-        if own is not None and own.value == told:
-            return
+        if own is not None:
+            if own.value == told:
+                return
+            raise BuildError("Your first word on this card was kept.", "U takes it back.")
         if isinstance(value, Verified) and (
             value.blind == self.is_third(sample_id)
             or (value.blind and self._knows_others(sample_id, holder.reviewer))
@@ -244,7 +247,6 @@ class Desk:
                 by=Author(person=holder.reviewer),
                 inputs=pictures,
                 value=told,
-                supersedes=None if own is None else own.id,
             )
         )
         self.leases.give_back(holder, queue, sample_id)
@@ -308,8 +310,7 @@ class Desk:
         return bool(self.leases.claim(queue, holder, 1, offered))
 
     def _is_accepted(self, sample_id: str) -> bool:
-        """Whether the edit is good enough: by a person's newest word, else by the review."""
+        """Whether the edit is good enough, by what people have said up to now."""
         words = self.standing("inspect", sample_id)
-        if words:
-            return bool((words[-1].value or {})["passed"])
-        return self.candidates[sample_id].passed_review
+        newest = Inspected.model_validate(words[-1].value, strict=False) if words else None
+        return self.candidates[sample_id].accepted_after(newest)

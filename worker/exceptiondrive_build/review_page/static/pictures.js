@@ -65,6 +65,12 @@ export class Pictures {
     this.draw();
   }
 
+  /** Whether source and edited picture of every edited view can be seen. */
+  areThere() {
+    const images = [...this.#thumbs.querySelectorAll(".is-edited img")];
+    return images.every((image) => image.complete && image.naturalWidth > 0);
+  }
+
   /** Look at the view so many places on. */
   step(by) {
     this.look((this.#place + by + this.#views.length) % this.#views.length);

@@ -5,8 +5,8 @@ const { queue, leaseS, tab } = document.body.dataset;
 const find = (id) => document.getElementById(id);
 const AWAKE_S = 60; // a longer pause is no work
 const ASK_AGAIN_MS = 3000;
-const UNANSWERED =
-  "Not kept: the review server does not answer. Your decision is still here; try again.";
+const ONCE = /^([arsu1-9]|Enter)$/i; // a key that is held decides one card
+const UNANSWERED = "The review server does not answer. Your decision is still here; try again.";
 
 export class CardQueue {
   #held = [];
@@ -55,6 +55,10 @@ export class CardQueue {
   /** Send the word of the page on this card, and show the next once it is kept. */
   async decide(isAccepted, reason = null) {
     if (!this.card) return;
+    if (!this.pictures.areThere()) {
+      this.notice("A picture of this card is missing, or still on its way: wait for it, or S for later.");
+      return;
+    }
     const value = this.page.value(isAccepted, reason);
     if (!value) return;
     await this.#away(`${queue}/decide`, { card: this.card.id, value });
@@ -141,7 +145,8 @@ export class CardQueue {
     if (!card) return;
     find("empty").hidden = true;
     find("task").textContent = `${card.task.id} · ${card.task.title}`;
-    find("words").textContent = card.task.words;
+    find("hazard").textContent = card.task.hazard;
+    find("words").textContent = `Asked for: ${card.task.words}`;
     find("scene").textContent =
       [card.scene, card.location, card.description].filter(Boolean).join(" · ");
     find("note").value = value?.note ?? "";
@@ -189,6 +194,10 @@ export class CardQueue {
       return;
     }
     if (event.ctrlKey || event.metaKey || find("help").open) return;
+    if (event.repeat && ONCE.test(key)) {
+      event.preventDefault();
+      return;
+    }
     const isControl = target.matches("button, a, input, summary");
     if (this.#act(key, isControl) || (this.card && this.page.key(event))) event.preventDefault();
   }

@@ -6,7 +6,10 @@ const find = (id) => document.getElementById(id);
 const PAUSE_MS = 80;
 const STEP_M = 0.1;
 const ARROWS = { ArrowUp: [1, 0], ArrowDown: [-1, 0], ArrowLeft: [0, 1], ArrowRight: [0, -1] };
-const LETTERS = { l: "location", v: "views", k: "calibration", t: "task" };
+const KINDS = {
+  physical: "Is the region the space that the hazard takes?",
+  conflict: "Is the region the no-go area: where the car must not be?",
+};
 const boxes = [...document.querySelectorAll("[name=checked]")];
 const fields = [...document.querySelectorAll("[data-corner]")];
 let timer = 0;
@@ -24,11 +27,12 @@ const editor = new CornerEditor(find("map"), (corners) => {
 const page = {
   show(card, value) {
     for (const box of boxes) box.checked = value?.checked?.includes(box.value) ?? false;
+    find("kind").textContent = KINDS[card.task.region];
     find("third").hidden = find("l-others").hidden = !card.third;
     find("others").replaceChildren(...card.others.map((word) => {
-      const said = word.accepted ? "accepted this region" : "rejected it";
+      const said = word.accepted ? "accepted this region" : `rejected it: ${word.reason ?? "no reason"}`;
       const item = document.createElement("li");
-      item.textContent = [`${said}`, word.checked.length ? `checked ${word.checked.join(", ")}` : "",
+      item.textContent = [said, word.checked.length ? `checked ${word.checked.join(", ")}` : "",
         word.note].filter(Boolean).join(" · ");
       return item;
     }));
@@ -45,7 +49,8 @@ const page = {
   value(accepted, reason) {
     const checked = boxes.filter((box) => box.checked).map((box) => box.value);
     if (accepted && !checked.length) {
-      cards.notice("Say what you checked: X for all four, or L, V, K, T.");
+      const keys = boxes.map((box) => box.dataset.key).join(", ");
+      cards.notice(`Say what you checked: X for all of it, or ${keys}.`);
       return null;
     }
     return {
@@ -58,22 +63,18 @@ const page = {
     const arrow = ARROWS[pressed];
     const key = pressed.toLowerCase(); // caps lock may be on
     const step = STEP_M * (shiftKey ? 10 : altKey ? 0.1 : 1);
+    const box = boxes.find((one) => one.dataset.key.toLowerCase() === key);
     if (arrow) editor.move(arrow[0] * step, arrow[1] * step);
     else if (key === "[" || key === "]") editor.turn(key === "[" ? 1 : -1);
     else if (key === "c") editor.selectNext();
     else if (key === "z") editor.back();
     else if (key === "p") editor.proposal();
     else if (key === "x") for (const box of boxes) box.checked = true;
-    else if (key in LETTERS) toggle(LETTERS[key]);
+    else if (box) box.checked = !box.checked;
     else return false;
     return true;
   },
 };
-
-function toggle(name) {
-  const box = boxes.find((one) => one.value === name);
-  box.checked = !box.checked;
-}
 
 /** Ask the geometry that scores: area, the recorded drive's clearance, what a split would refuse. */
 async function measure() {
