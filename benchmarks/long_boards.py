@@ -48,6 +48,7 @@ from exceptiondrive_schemas.protocol import ProtocolDocument, packaged_protocol
 from exceptiondrive_schemas.score_sheet import ScoreSheet
 from exceptiondrive_scoring.bootstrap import GRID, SceneSums
 from exceptiondrive_server.app import create_app
+from exceptiondrive_server.web import kept_pages
 from exceptiondrive_server.web.settings import ServerSettings
 from exceptiondrive_worker.boards import run as board_run
 from exceptiondrive_worker.boards.rounding import Rounding
@@ -280,6 +281,7 @@ def _server(folder: Path, n_entries: int) -> dict[str, float]:
         assert len(parts) == -(-whole.n_entries // PAGE), "the pages do not hold all entries"
         csv = look("/api/v1/leaderboard.csv?phase=bench")
         with_csv_mib = peak_mib_so_far()
+        kept_pages.MAX_AGE_S = 0.0  # each of the next boards is shown, however soon it comes
         for number in range(max(3, ENTRIES_AFTER_IT // n_entries) if n_entries > 100 else 30):
             beside = get_context("spawn").Process(
                 target=_publish_next, args=(settings.database_url, number)

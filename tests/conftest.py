@@ -12,6 +12,7 @@ pytest_plugins = [
     "tests.support.broker",
     "tests.support.browser",
     "tests.support.databases",
+    "tests.support.fresh_pages",
     "tests.support.order",
     "tests.support.snapshots",
     "tests.support.speed",

@@ -1,32 +1,32 @@
-"""Kept pages follow the records: each deed is seen at once, whoever did it, and nobody sees another's."""
+"""Pages are kept for a second and made anew after it, each deed with them, and nobody sees another's."""
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from datetime import timedelta
-from threading import Barrier
+from threading import Barrier, Event, Semaphore
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from starlette.testclient import TestClient
 from tests.phases.browsing import visitor
 from tests.records.statements import statements
 
 from exceptiondrive_records.protocols.protocols import add_protocol
 from exceptiondrive_schemas.protocol import packaged_protocol_toml
-from exceptiondrive_server.app import create_app
 from exceptiondrive_server.web import kept_pages
-from exceptiondrive_server.web import services as of_site
 from exceptiondrive_server.web.kept_pages import KeptPages
 
 if TYPE_CHECKING:
     from tests.phases.life import Life
 
-BOARDS = ("/?phase=test", "/", "/?phase=test&sort=-ur", "/?phase=test&q=alpha")
-OTHERS = (
+BOARD = "/?phase=test"
+ADDRESSES = (
+    BOARD,
+    "/?phase=test&sort=-ur",
     "/entries/{alpha}",
     "/entries/{beta}",
-    "/entries/{alpha}?phase=test&board=2",
+    "/entries/{alpha}?phase=test&board=1",
     "/compare?phase=test",
     "/compare?phase=test&a={beta}&b={alpha}",
     "/scenes?phase=test",
@@ -87,89 +87,102 @@ def boarded(life: "Life") -> dict[str, str]:
 _SPEEDS = {"alpha": 1.0, "beta": 9.0}
 
 
+class Clock:
+    """What pages take for the time: it stands until it is moved."""
+
+    def __init__(self) -> None:
+        self.now_s = 100.0
+        self.looks = Semaphore(0)
+
+    def monotonic(self) -> float:
+        self.looks.release()
+        return self.now_s
+
+
 @pytest.fixture
-def other_server(life: "Life") -> Iterator[TestClient]:
-    """A second process of the server, in this one."""
-    app = create_app(life.server)
-    yield TestClient(app, base_url="https://server.test", follow_redirects=False)
-    app.state.services.close()
+def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
+    """The clock of pages that are kept for a second, as they are in a server."""
+    clock = Clock()
+    monkeypatch.setattr(kept_pages, "time", SimpleNamespace(monotonic=clock.monotonic))
+    monkeypatch.setattr(kept_pages, "MAX_AGE_S", 1.0)
+    return clock
 
 
-def services(client: TestClient) -> Any:
-    return client.app.state.services  # type: ignore[attr-defined]
+def services(life: "Life") -> Any:
+    return life.client.app.state.services  # type: ignore[attr-defined]
 
 
-def _text(client: TestClient, address: str) -> str:
-    return re.sub(r'"request_id":"[^"]*"', "", client.get(address).text)
-
-
-def pages(client: TestClient, ids: dict[str, str]) -> list[str]:
-    """What a visitor sees, twice: made or read again, then kept."""
-    addresses = [each.format(**ids) for each in (*BOARDS, *OTHERS)]
-    read: list[list[str]] = [[_text(client, each) for each in addresses] for _ in range(2)]
-    assert read[0] == read[1]
-    return read[0]
+def pages(life: "Life", ids: dict[str, str]) -> list[str]:
+    """What a visitor sees."""
+    return [life.client.get(each.format(**ids)).text for each in ADDRESSES]
 
 
 @pytest.mark.parametrize("what", DEEDS)
-def test_each_page_follows_each_deed_at_once_in_every_process(
-    life: "Life", other_server: TestClient, boarded: dict[str, str], what: str
+def test_a_board_that_is_made_after_a_deed_shows_it(
+    life: "Life", boarded: dict[str, str], what: str
 ) -> None:
-    before = pages(life.client, boarded)
-    assert pages(other_server, boarded) == before
+    before = life.client.get(BOARD).text
     DEEDS[what](life, boarded)
-    after = pages(life.client, boarded)
-    assert after[0] != before[0]
-    assert pages(other_server, boarded) == after
-    object.__setattr__(services(other_server), "kept_pages", KeptPages())
-    assert pages(other_server, boarded) == after, "a page that was kept differs from one made now"
+    after = life.client.get(BOARD)
+    assert _of_no_request(after.text) != _of_no_request(before)
+    assert after.status_code == (404 if what == "its hiding" else 200)
 
 
-@pytest.mark.parametrize("address", [BOARDS[0], "/entries/{alpha}", *OTHERS[3:]])
-def test_an_unchanged_page_asks_the_records_for_their_state_alone(
-    life: "Life", boarded: dict[str, str], address: str, monkeypatch: pytest.MonkeyPatch
+def _of_no_request(page: str) -> str:
+    return re.sub(r'"request_id":"[^"]*"', "", page)
+
+
+def test_a_page_is_kept_within_its_age_and_made_anew_after_it(
+    life: "Life", boarded: dict[str, str], clock: Clock
 ) -> None:
-    for clock in (kept_pages, of_site):  # a slow machine must not turn it in between
-        monkeypatch.setattr(clock, "MAX_AGE_S", 3600.0)
-    database = services(life.client).database
-    for _ in range(20):
-        before = database.state()
-        first = life.client.get(address.format(**boarded))
-        with statements(database) as asked:
-            again = life.client.get(address.format(**boarded))
-        if (
-            database.state() == before
-        ):  # else PostgreSQL vacuumed of itself, which looks like a write
-            break
-    assert (first.status_code, again.text, len(asked)) == (200, first.text, 1)
+    before = pages(life, boarded)
+    life.change({"title": "Another title"})
+    clock.now_s += 0.99
+    with statements(services(life).database) as asked:
+        assert pages(life, boarded) == before
+    assert not asked
+    clock.now_s += 0.02
+    after = pages(life, boarded)
+    assert all("Another title" in page for page in after[:-1])
+    object.__setattr__(services(life), "kept_pages", KeptPages())
+    assert pages(life, boarded) == after
 
 
-def test_what_the_clock_turns_is_looked_at_again(
-    life: "Life", boarded: dict[str, str], monkeypatch: pytest.MonkeyPatch
+def test_a_page_that_is_not_there_is_not_kept(
+    life: "Life", boarded: dict[str, str], clock: Clock
 ) -> None:
-    life.client.get(BOARDS[0])
-    monkeypatch.setattr(kept_pages, "MAX_AGE_S", -1.0)
-    with statements(services(life.client).database) as asked:
-        life.client.get(BOARDS[0])
-    assert len(asked) > 1
+    assert life.client.get("/?phase=second").status_code == 404
+    life.make_phase("second", split="plain")
+    assert life.client.get("/?phase=second").status_code == 200
 
 
 def test_what_somebody_who_signed_in_sees_is_kept_for_nobody(
-    life: "Life", boarded: dict[str, str]
+    life: "Life", boarded: dict[str, str], clock: Clock
 ) -> None:
-    public = pages(life.client, boarded)
     for who in ("alpha", "organizer"):
         own = visitor(life, who)
-        weight = services(life.client).kept_pages.weight_bytes
-        mine = own.get(BOARDS[0])
+        weight = services(life).kept_pages.weight_bytes
+        mine = own.get(BOARD)
         assert "My submissions" in mine.text
         assert "content-encoding" not in mine.headers
-        assert services(life.client).kept_pages.weight_bytes == weight
-        assert pages(life.client, boarded) == public
-    assert all("My submissions" not in page and "/organize" not in page for page in public)
+        assert services(life).kept_pages.weight_bytes == weight
+        public = pages(life, boarded)
+        assert own.get(BOARD).text == mine.text
+        assert all("My submissions" not in page and "/organize" not in page for page in public)
 
 
-def test_a_theme_and_a_host_get_their_own_pages(life: "Life", boarded: dict[str, str]) -> None:
+def test_who_signed_in_sees_a_deed_though_a_page_is_kept(
+    life: "Life", boarded: dict[str, str], clock: Clock
+) -> None:
+    public, own = life.client.get(BOARD).text, visitor(life, "alpha")
+    life.change({"title": "Another title"})
+    assert "Another title" in own.get(BOARD).text
+    assert life.client.get(BOARD).text == public
+
+
+def test_a_theme_and_a_host_get_their_own_pages(
+    life: "Life", boarded: dict[str, str], clock: Clock
+) -> None:
     plain = life.client.get("/").text
     dark = life.client.get("/", headers={"Cookie": "theme=dark"}).text
     foreign = life.client.get("/", headers={"Host": "other.test"}).text
@@ -180,11 +193,11 @@ def test_a_theme_and_a_host_get_their_own_pages(life: "Life", boarded: dict[str,
 
 
 def test_any_number_of_addresses_takes_no_more_than_the_room(
-    life: "Life", boarded: dict[str, str]
+    life: "Life", boarded: dict[str, str], clock: Clock
 ) -> None:
     page_bytes = len(life.client.get("/").content)
     small = KeptPages(room_bytes=4 * page_bytes)
-    object.__setattr__(services(life.client), "kept_pages", small)
+    object.__setattr__(services(life), "kept_pages", small)
     for number in range(12):
         assert life.client.get(f"/?page={number + 1}").status_code == 200
         assert small.weight_bytes <= 4 * page_bytes
@@ -193,14 +206,48 @@ def test_any_number_of_addresses_takes_no_more_than_the_room(
 
 def test_no_page_waits_for_another_page_to_be_made() -> None:
     kept, number = KeptPages(), 100
-    all_read = Barrier(number, timeout=60)
+    all_made = Barrier(number, timeout=60)
 
-    def read() -> tuple[object, Callable[[], str]]:
-        all_read.wait()
-        return "value", lambda: "page"
+    def make() -> str:
+        all_made.wait()
+        return "page"
 
     with ThreadPoolExecutor(number) as readers:
-        pages = [
-            readers.submit(kept.current, looks, lambda: "state", read) for looks in range(number)
-        ]
+        pages = [readers.submit(kept.current, looks, make) for looks in range(number)]
     assert {page.result().html for page in pages} == {b"page"}
+
+
+def test_those_who_wait_for_a_page_find_that_of_the_first_however_long_it_took(
+    clock: Clock,
+) -> None:
+    kept, number, made = KeptPages(), 20, list[str]()
+    all_asked = Event()
+
+    def make() -> str:
+        assert all_asked.wait(60)
+        clock.now_s += 10.0
+        made.append("page")
+        return f"page {len(made)}"
+
+    with ThreadPoolExecutor(number) as readers:
+        pages = [readers.submit(kept.current, "/", make) for _ in range(number)]
+        for _ in range(number + 1):  # each looks as it asks, and the first before it makes
+            assert clock.looks.acquire(timeout=60)
+        all_asked.set()
+    assert {page.result().html for page in pages} == {b"page 1"}
+
+
+def test_a_page_that_failed_is_not_kept(clock: Clock) -> None:
+    kept = KeptPages()
+
+    def fail() -> str:
+        raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        kept.current("/", fail)
+    assert kept.weight_bytes == 0
+    assert kept.current("/", lambda: "page").html == b"page"
+    assert kept.current("/", fail).html == b"page"
+    clock.now_s += 1.0
+    with pytest.raises(ZeroDivisionError):
+        kept.current("/", fail)

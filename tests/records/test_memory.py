@@ -1,12 +1,6 @@
-"""What is kept within a room: those asked for last; and what says whether records changed."""
+"""What is kept within a room: those asked for last."""
 
-from contextlib import suppress
-
-from sqlalchemy import text
-
-from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.db.memory import Memory
-from exceptiondrive_records.teams.teams import create_team
 
 
 def test_those_asked_for_last_stay() -> None:
@@ -44,28 +38,3 @@ def test_room_is_made_before_what_takes_it() -> None:
     assert ([memory.get(key) for key in "abc"], memory.weight) == ([None, "B", "C"], 6)
     memory.make_room(11)
     assert (len(memory), memory.weight) == (0, 0)
-
-
-def test_the_state_is_another_after_every_commit_whoever_made_it(database: Database) -> None:
-    others = Database(database.engine.url.render_as_string(hide_password=False))
-    try:
-        states = [database.state()]
-        for number, writer in enumerate((database, others, database)):
-            with writer.write() as session:
-                create_team(session, f"team{number}", f"Team {number}", actor="test")
-            states.append(database.state())
-    finally:
-        others.dispose()
-    assert len(set(states)) == len(states)
-
-
-def test_the_state_stays_while_nothing_is_committed(sqlite_url: str) -> None:
-    database = Database(sqlite_url)
-    before = database.state()
-    with database.read() as session:
-        session.execute(text("SELECT 1"))
-    with suppress(ZeroDivisionError), database.write() as session:
-        create_team(session, "nobody", "Nobody", actor="test")
-        raise ZeroDivisionError
-    assert database.state() == before
-    database.dispose()

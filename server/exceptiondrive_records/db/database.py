@@ -6,7 +6,6 @@ not honoured when a read transaction is upgraded (docs/decisions/0003-sql-is-the
 
 import os
 import stat
-import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from functools import cache, lru_cache
@@ -45,9 +44,6 @@ _AUTOCOMMIT = "AUTOCOMMIT"
 _BY_ITSELF = {"isolation_level": _AUTOCOMMIT}
 _FOR_ONE_BLOCK: dict[str, Any] = {"expire_on_commit": False, "close_resets_only": False}
 """What was read stays readable; what is asked after the block is an error, not a connection left open."""
-_STATE = {"sqlite": "PRAGMA data_version", "postgresql": "SELECT pg_current_snapshot()"}
-"""What changes with every commit: SQLite counts those of other connections; the snapshot of PostgreSQL
-names the transactions whose work can be seen, and is the same only where the same can be seen."""
 _INSUFFICIENT_PRIVILEGE = "42501"
 _DIVISION_BY_ZERO = "22012"
 _UNDEFINED_TABLE = "42P01"
@@ -76,14 +72,6 @@ class Database:
         writes = reads.execution_options(**{WRITES: True})
         self._writes = sessionmaker(writes, class_=_Session, **_FOR_ONE_BLOCK)
         self._claims = sessionmaker(reads if is_server else writes, **_FOR_ONE_BLOCK)
-        self._watcher = _Watcher(self.engine)
-
-    def state(self) -> str:
-        """Return what stands for all that is committed: the same words as long as nothing is added.
-
-        Compare it with words of the same process alone. Ask for it before what is to be kept is read.
-        """
-        return self._watcher.state()
 
     @contextmanager
     def read(self) -> Iterator[Session]:
@@ -131,7 +119,6 @@ class Database:
 
     def dispose(self) -> None:
         """Close all connections."""
-        self._watcher.close()
         self.engine.dispose()
 
 
@@ -185,41 +172,6 @@ def _end(session: Session) -> None:
 
 def _refuse_to_write(session: Session, *_: Any) -> None:
     raise RuntimeError("this session reads: nothing may be changed in it")
-
-
-class _Watcher:
-    """A connection of its own that is never in a transaction, and so sees every commit of others."""
-
-    def __init__(self, engine: Engine) -> None:
-        self._engine = engine
-        self._query = _STATE[engine.dialect.name]
-        self._lock = threading.Lock()
-        self._connection: Connection | None = None
-
-    def state(self) -> str:
-        with self._lock:
-            if self._connection is not None:
-                try:
-                    return self._ask(self._connection)
-                except DBAPIError:  # the database was started anew: ask it on a new connection
-                    self._forget()
-            connection = self._engine.connect().execution_options(isolation_level=_AUTOCOMMIT)
-            connection.detach()  # from the pool
-            self._connection = connection
-            return self._ask(connection)
-
-    def _ask(self, connection: Connection) -> str:
-        return str(connection.exec_driver_sql(self._query).scalar())
-
-    def close(self) -> None:
-        with self._lock:
-            self._forget()
-
-    def _forget(self) -> None:
-        connection, self._connection = self._connection, None
-        if connection is not None:
-            with suppress(DBAPIError):
-                connection.close()
 
 
 def sentence_of(error: DBAPIError) -> str:

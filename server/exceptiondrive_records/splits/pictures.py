@@ -81,15 +81,6 @@ def pictures_of(
     return found
 
 
-def outline_of_pictures(
-    shown: Iterable[tuple[SamplePictureRow, ...]],
-) -> tuple[tuple[str, str, str, str], ...]:
-    """Return what pictures are compared by: two are equal if they show the same under one licence."""
-    return tuple(
-        (row.sample_id, row.shows, row.file_digest, row.licence) for rows in shown for row in rows
-    )
-
-
 def shows_picture(session: Session, split_name: str, file_digest: str) -> bool:
     """Whether a stored file is a picture of a split that is shown."""
     stands = SamplePictureRow.split_name == split_name, SamplePictureRow.file_digest == file_digest

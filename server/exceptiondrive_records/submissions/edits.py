@@ -191,7 +191,7 @@ class EditsOfPhase(NamedTuple):
 
 
 def edits_of_phase(session: Session, phase_id: str) -> EditsOfPhase:
-    """Return what a kept page is as new as."""
+    """Return what the facts that teams tell are as new as."""
     query = (
         select(func.max(SubmissionEdit.edited_at), func.count())
         .join(Submission, Submission.id == SubmissionEdit.submission_id)

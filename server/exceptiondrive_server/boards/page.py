@@ -4,7 +4,7 @@ What follows from a board and a query alone is made once: boards never change.
 """
 
 from collections.abc import Callable, Hashable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from datetime import datetime
 from functools import cached_property, lru_cache
 from typing import Any, Generic, NamedTuple, TypeVar
@@ -14,7 +14,6 @@ from markupsafe import Markup
 
 from exceptiondrive_records.db.memory import Memory
 from exceptiondrive_records.phases.policy import is_pseudonym
-from exceptiondrive_records.submissions.edits import EditsOfPhase
 from exceptiondrive_schemas.api.participation import DisqualificationNote
 from exceptiondrive_schemas.api.phase_settings import PhaseNow, Visibility
 from exceptiondrive_schemas.board import Board
@@ -268,15 +267,12 @@ class BoardPage:
 
     The board holds no reported rows. `current_protocol` is the version in force; `is_current` says whether the phase shows this board
     now, or its late view; `before` is the board that was shown before it.
-
-    Two are equal if their pages are: what is large and compared by a field of its own (`told_as`,
-    `edits`) is left out of that, and of the outline.
     """
 
     query: BoardQuery
     phases: tuple[PhaseLink, ...]
     phase: PhaseLink | None
-    board: Board | None = field(compare=False)
+    board: Board | None
     protocol: ProtocolDocument
     protocol_versions: tuple[str, ...]
     current_protocol: str
@@ -289,23 +285,14 @@ class BoardPage:
     """Clearance curves of the best entries."""
     tasks: Tasks = ()
     """Tasks, hardest first, as far as the sheets of the best entries tell them."""
-    facts: FactsOfBoard = field(default_factory=lambda: NO_FACTS, compare=False)
+    facts: FactsOfBoard = field(default_factory=lambda: NO_FACTS)
     """What teams tell of their methods now; not of the board, whose bytes never change."""
-    told_as: str = ""
-    """What stands for the board: two of one name are told alike."""
-    edits: EditsOfPhase | None = None
-    """Those of the facts, among others."""
     disqualified: tuple[DisqualificationNote, ...] = ()
     """What readers are told of who stands on no board any more."""
     has_reported: bool = False
     """Whether the phase also shows what a paper reports, which has a page of its own."""
     n_reported: int = 0
     """How many rows of boards of elsewhere stand on another page beside the phase."""
-
-    @property
-    def outline(self) -> "BoardPage":
-        """What it is compared by, without the board itself: it keeps no large document alive."""
-        return replace(self, board=None, facts={})
 
     @cached_property
     def shown(self) -> ShownBoard | None:

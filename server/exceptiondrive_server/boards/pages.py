@@ -48,7 +48,7 @@ from exceptiondrive_server.web.numbers import Digits
 from exceptiondrive_server.web.path_ids import PhaseId
 from exceptiondrive_server.web.responses import (
     SECURITY_HEADERS,
-    Reading,
+    Values,
     origin_of,
     page,
     public_page,
@@ -66,7 +66,7 @@ MAX_TAKERS = 8
 def show_board(request: Request) -> Response:
     """Show the board that the address asks for; a team that signed in finds its rows marked.
 
-    What visitors see is kept until the records say otherwise.
+    What visitors see is kept for a second.
     """
     asked = request.query_params
     if "apply" in asked or "order" in asked:  # sent by the filter form: its address is made short
@@ -77,9 +77,9 @@ def show_board(request: Request) -> Response:
     return public_page(request, "boards/board.html", "board", lambda it: _public_board(it, request))
 
 
-def _public_board(session: Session, request: Request) -> Reading:
-    board, wheel = read_board(session, board_query_of(request)), client_wheel(services_of(request))
-    return (board.outline, wheel), lambda: {"page": board, "own": None, "wheel": wheel}
+def _public_board(session: Session, request: Request) -> Values:
+    board = read_board(session, board_query_of(request))
+    return {"page": board, "own": None, "wheel": client_wheel(services_of(request))}
 
 
 def _signed_in_board(request: Request) -> Response:
@@ -109,7 +109,7 @@ def show_history(request: Request, query: BoardQueryOf) -> Response:
     return public_page(request, "boards/history.html", "board", lambda it: _history(it, query))
 
 
-def _history(session: Session, query: BoardQuery) -> Reading:
+def _history(session: Session, query: BoardQuery) -> Values:
     phases, phase = read_phases(session, query)
     if phase is None:
         raise NotFound("phase", "", " yet")
@@ -121,7 +121,7 @@ def _history(session: Session, query: BoardQuery) -> Reading:
     metric = phase.challenge.metrics[0]
     newest = lines[:MAX_HISTORY]
     listed = {line.board for line in newest}
-    shown = {
+    return {
         "phase": phase,
         "phases": phases,
         "lines": newest,
@@ -135,7 +135,6 @@ def _history(session: Session, query: BoardQuery) -> Reading:
         "metric": metric,
         "digits": digits,
     }
-    return shown, lambda: shown
 
 
 @router.get("/reported/{challenge}")
@@ -159,18 +158,17 @@ def show_reported(request: Request, challenge: KnownChallenge) -> Response:
 def show_reported_boards(request: Request, phase_id: PhaseId) -> Response:
     """Show boards of elsewhere beside a phase, each row with what differs; nothing there ranks."""
 
-    def read(session: Session) -> Reading:
+    def read(session: Session) -> Values:
         phase = shown_phase(session, phase_id, with_hidden=browser_sees_hidden(session, request))
         challenge, boards = CHALLENGES[phase.challenge], reported_of(session, phase)
         protocol = find_protocol(session, phase.protocol_digest)
-        shown = {
+        return {
             "phase": phase_link(session, phase, True),
             "challenge": challenge,
             "boards": boards,
             "families": {family.id: family.title for family in protocol.families},
             "digits": Digits.of(protocol.publication),
         }
-        return shown, lambda: shown
 
     return public_page(request, "boards/reported_boards.html", "board", read)
 

@@ -99,8 +99,6 @@ def read_board(session: Session, query: BoardQuery, *, with_hidden: bool = False
         drawing=_drawing_of(session, protocol),
         before=_board_before(session, row) if row else None,
         facts=facts_on(session, board) if board else NO_FACTS,
-        told_as=row.told if row else "",
-        edits=edits_of_phase(session, phase.id),
         disqualified=disqualification_notes(session, phase),
     )
 

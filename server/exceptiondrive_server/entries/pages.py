@@ -16,7 +16,7 @@ from exceptiondrive_server.entries.view import entry_page, sample_page
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.browser_session import Elsewhere
 from exceptiondrive_server.web.etag import PROXY_KEEPS, conditional
-from exceptiondrive_server.web.responses import SECURITY_HEADERS, Reading, public_page
+from exceptiondrive_server.web.responses import SECURITY_HEADERS, Values, public_page
 from exceptiondrive_server.web.services import Services
 from exceptiondrive_server.web.templating import render
 
@@ -28,9 +28,8 @@ def show_entry(request: Request, key: str) -> Response:
     """Show an entry as it stands on a board."""
     require_known(request)
 
-    def read(session: Session) -> Reading:
-        reading = read_entry(session, key, board_query_of(request))
-        return reading.outline, lambda: entry_page(reading)
+    def read(session: Session) -> Values:
+        return entry_page(read_entry(session, key, board_query_of(request)))
 
     return public_page(request, "entries/entry.html", "board", read)
 
@@ -40,12 +39,11 @@ def show_sample(request: Request, key: str, place: str) -> Response:
     """Show one drawn sample of an entry on a public split."""
     require_known(request)
 
-    def read(session: Session) -> Reading:
-        reading = read_entry(session, key, board_query_of(request))
-        shown = sample_page(reading, place)
+    def read(session: Session) -> Values:
+        shown = sample_page(read_entry(session, key, board_query_of(request)), place)
         if shown is None:
             raise NotFound("drawing", place)
-        return reading.outline, lambda: shown
+        return shown
 
     return public_page(request, "entries/sample.html", "board", read)
 
@@ -54,12 +52,9 @@ def show_sample(request: Request, key: str, place: str) -> Response:
 def show_scenes(request: Request) -> Response:
     """Show the scenes of a board in motion: its leader, and up to two more entries that are named."""
     require_known(request, "with")
-
-    def read(session: Session) -> Reading:
-        scenes = _scenes(session, request)
-        return scenes.outline, lambda: {"page": scenes}
-
-    return public_page(request, "entries/scenes.html", "board", read)
+    return public_page(
+        request, "entries/scenes.html", "board", lambda it: {"page": _scenes(it, request)}
+    )
 
 
 @router.get("/scenes.svg")
@@ -99,7 +94,7 @@ def show_comparison(request: Request) -> Response:
     )
 
 
-def _comparison(session: Session, request: Request) -> Reading:
+def _comparison(session: Session, request: Request) -> Values:
     pairs = request.query_params.multi_items()
     reading = read_comparison(session, board_query_of(request), pairs)
     asked = [value for key, value in pairs if key in ("a", "b", "more") and value]
@@ -108,7 +103,7 @@ def _comparison(session: Session, request: Request) -> Reading:
         kept = [(key, value) for key, value in pairs if key not in ("a", "b", "more")]
         keys = [entry_key(entry) for entry in reading.entries]
         raise Elsewhere(compare_address(kept, keys))
-    return reading.board.outline, lambda: compare_page(reading)
+    return compare_page(reading)
 
 
 def _entry(request: Request, services: Services, key: str) -> EntryData:

@@ -1,6 +1,6 @@
 """What the entry and compare pages read from the records."""
 
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 
@@ -21,7 +21,7 @@ from exceptiondrive_records.phases.policy import is_anonymous, shown_sheet
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.splits.drawings import entry_drawings
-from exceptiondrive_records.splits.pictures import outline_of_pictures, pictures_of
+from exceptiondrive_records.splits.pictures import pictures_of
 from exceptiondrive_records.splits.tables import SamplePictureRow, SplitRow
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_schemas.api.submission import SubmissionStatus
@@ -54,18 +54,12 @@ class PastPosition:
     entry: BoardEntry
     first_board: Board
     first_entry: BoardEntry
-    told_as: tuple[str, str]
-    """What stands for both boards."""
 
 
 @dataclass(frozen=True)
 class EntryData:
-    """What the records say of an entry.
+    """What the records say of an entry."""
 
-    `outline` is what it is compared by, without a large document: two are equal if their pages are.
-    """
-
-    outline: Hashable
     board: Board
     entry: BoardEntry
     protocol: ProtocolDocument
@@ -102,34 +96,21 @@ def read_entry(session: Session, key: str, query: BoardQuery) -> EntryData:
         raise NotFound("entry", key)
     drawings = _drawings(session, submission, board) if submission else None
     drawn_ids = [each.drawing.sample_id for each in drawings.samples] if drawings else []
-    pictures = pictures_of(session, board.split, drawn_ids)
-    sheet = _sheet(session, key, board) if submission else None
-    past = _past(session, submission) if submission else ()
-    shown_submission = None if is_anonymous(phase) else submission
-    told = facts_on(session, board).get(key, EntryFacts())
     is_withheld = not _is_public(session, phase)
-    borrows = is_withheld and _borrows_scenes(session, phase)
     return EntryData(
-        outline=(
-            (row.told, phase.title, is_current, shown_submission is None, told),
-            (is_withheld, borrows),
-            sheet and (tuple(sheet.families), tuple(sheet.tasks)),
-            tuple(each.told_as for each in past),
-            (tuple(drawn_ids), outline_of_pictures(pictures.values())),
-        ),
         board=board,
         entry=entry,
         protocol=find_protocol(session, board.protocol.digest),
         phase_title=phase.title,
         is_current=is_current,
-        sheet=sheet,
-        submission=shown_submission,
-        past=past,
+        sheet=_sheet(session, key, board) if submission else None,
+        submission=None if is_anonymous(phase) else submission,
+        past=_past(session, submission) if submission else (),
         drawings=drawings,
-        pictures=pictures,
-        told=told,
+        pictures=pictures_of(session, board.split, drawn_ids),
+        told=facts_on(session, board).get(key, EntryFacts()),
         is_withheld=is_withheld,
-        borrows_scenes=borrows,
+        borrows_scenes=is_withheld and _borrows_scenes(session, phase),
     )
 
 
@@ -257,7 +238,7 @@ def _standing(submission_id: str, first: BoardRow, last: BoardRow) -> PastPositi
     entry, first_entry = (find_entry(each, submission_id) for each in (board, first_board))
     if entry is None or first_entry is None:
         return None
-    return PastPosition(board, entry, first_board, first_entry, (last.told, first.told))
+    return PastPosition(board, entry, first_board, first_entry)
 
 
 def _drawings(session: Session, submission: Submission, board: Board) -> EntryDrawings | None:

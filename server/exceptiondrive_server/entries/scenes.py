@@ -1,6 +1,6 @@
 """The scenes that all entries of a public split share, one a family: who is shown driving them."""
 
-from collections.abc import Hashable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from urllib.parse import urlencode
 
@@ -9,7 +9,7 @@ from sqlalchemy.orm import Session
 
 from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.splits.drawings import drawn_submissions, entry_drawings
-from exceptiondrive_records.splits.pictures import outline_of_pictures, pictures_of
+from exceptiondrive_records.splits.pictures import pictures_of
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.board import Board, BoardEntry
@@ -39,16 +39,6 @@ class Scenes:
     chosen: tuple[BoardEntry, ...]
     offered: tuple[BoardEntry, ...]
     scenes: tuple[Motion, ...]
-
-    @property
-    def outline(self) -> Hashable:
-        """What it is compared by, without a board itself: two are equal if their pages are."""
-        return (
-            (self.asked.outline, self.shown.outline),
-            tuple(entry_key(entry) for entry in (*self.chosen, *self.offered)),
-            tuple((each.sample_id, len(each.runs)) for each in self.scenes),
-            outline_of_pictures(each.pictures for each in self.scenes),
-        )
 
     @property
     def is_borrowed(self) -> bool:

@@ -20,7 +20,7 @@ from exceptiondrive_server.phases.report import has_ended, report_of
 from exceptiondrive_server.web.browser_session import browser_sees_hidden
 from exceptiondrive_server.web.numbers import Digits
 from exceptiondrive_server.web.path_ids import PhaseId
-from exceptiondrive_server.web.responses import Reading, public_page
+from exceptiondrive_server.web.responses import Values, public_page
 
 router = APIRouter(include_in_schema=False)
 
@@ -29,10 +29,10 @@ router = APIRouter(include_in_schema=False)
 def show_phase(request: Request, phase_id: PhaseId) -> Response:
     """Show what a phase is about; a hidden one to organizers alone."""
 
-    def read(session: Session) -> Reading:
+    def read(session: Session) -> Values:
         phase = shown_phase(session, phase_id, with_hidden=browser_sees_hidden(session, request))
         now, freezes_at = database_now(session), phase.policy.freezes_at
-        shown = {
+        return {
             "phase": phase_link(session, phase, True),
             "text": phase.page,
             "news": [news_view(row) for row in news_of(session, phase.id)],
@@ -45,7 +45,6 @@ def show_phase(request: Request, phase_id: PhaseId) -> Response:
             "terms_required": phase.policy.terms_required,
             "has_report": has_ended(session, phase),
         }
-        return shown, lambda: shown
 
     return public_page(request, "phases/phase.html", "board", read)
 
@@ -54,20 +53,19 @@ def show_phase(request: Request, phase_id: PhaseId) -> Response:
 def show_report(request: Request, phase_id: PhaseId) -> Response:
     """Show how a phase ended; before its end there is no such page."""
 
-    def read(session: Session) -> Reading:
+    def read(session: Session) -> Values:
         phase = shown_phase(session, phase_id, with_hidden=browser_sees_hidden(session, request))
         report = report_of(session, phase)
         board = parsed_board(find_board(session, phase.id, report.board))
         protocol = find_protocol(session, report.protocol.digest)
         challenge = CHALLENGES[report.challenge]
         could = board.contenders(protocol.ranking.order_of(challenge)[0])
-        shown = {
+        return {
             "report": report,
             "challenge": challenge,
             "flags": FLAGS,
             "digits": Digits.of(protocol.publication, has_fine_intervals=board.has_fine_intervals),
             "told_by": what_else_tells(board, could),
         }
-        return report, lambda: shown
 
     return public_page(request, "phases/report.html", "board", read)

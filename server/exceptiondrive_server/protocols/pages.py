@@ -19,7 +19,7 @@ from exceptiondrive_server.boards.queries import featured_protocol
 from exceptiondrive_server.boards.scene_drawing import scene_drawing
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.browser_session import browser_sees_hidden
-from exceptiondrive_server.web.responses import Reading, public_page
+from exceptiondrive_server.web.responses import Values, public_page
 
 router = APIRouter(include_in_schema=False)
 _SELF_DESCRIPTION = ("version", "title", "changes")
@@ -37,24 +37,22 @@ def show_featured_protocol(services: ServicesOf) -> Response:
 def show_protocol(request: Request, version: str) -> Response:
     """Show the rules of a protocol; a draft to organizers alone."""
 
-    def read(session: Session) -> Reading:
+    def read(session: Session) -> Values:
         return _protocol(session, version, with_drafts=browser_sees_hidden(session, request))
 
     return public_page(request, "protocols/protocol.html", "protocol", read)
 
 
-def _protocol(session: Session, version: str, *, with_drafts: bool) -> Reading:
+def _protocol(session: Session, version: str, *, with_drafts: bool) -> Values:
     versions = shown_protocols(session, with_drafts=with_drafts) or [packaged_protocol(NEWEST)]
     protocol = next((one for one in versions if version in (one.version, one.digest)), None)
     if protocol is None:
         raise NotFound("protocol", version)
     drawing = protocol_drawing(session, protocol)
-    splits = splits_under(session, protocol.digest)
-    digests = [each.digest for each in versions]
-    place = digests.index(protocol.digest)
+    place = versions.index(protocol)
     previous = versions[place - 1] if place else None
     caution = protocol.grading.caution
-    return (protocol.digest, digests, drawing.pictured, splits), lambda: {
+    return {
         "protocol": protocol,
         "versions": versions,
         "challenges": CHALLENGES.values(),
@@ -62,7 +60,7 @@ def _protocol(session: Session, version: str, *, with_drafts: bool) -> Reading:
         "strategies": sorted(Strategy, key=lambda strategy: caution[strategy.value]),
         "flags": FLAGS,
         "previous": previous,
-        "splits": splits,
+        "splits": splits_under(session, protocol.digest),
         "changes": protocol_changes(previous, protocol) if previous else (),
     }
 

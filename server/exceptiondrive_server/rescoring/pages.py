@@ -14,7 +14,7 @@ from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_server.rescoring.preview import compared
 from exceptiondrive_server.rescoring.steps import change_words
 from exceptiondrive_server.web.browser_session import browser_sees_hidden
-from exceptiondrive_server.web.responses import Reading, public_page
+from exceptiondrive_server.web.responses import Values, public_page
 
 router = APIRouter(include_in_schema=False)
 
@@ -27,16 +27,14 @@ def show_update(
 ) -> Response:
     """Compare every entry before and after a run that was applied; others have no address."""
 
-    def read(session: Session) -> Reading:
+    def read(session: Session) -> Values:
         run = public_run(session, run_id, with_hidden=browser_sees_hidden(session, request))
         phase = find_phase(session, run.phase)
         protocol = find_protocol(session, run.to_protocol.digest)
-        change = change_words(session, run)
-        outline = (page, phase.title, run.state, run.ended_at, run.comparison.digest)
-        return outline, lambda: {
+        return {
             "run": run,
             "phase_title": phase.title,
-            "change": change,
+            "change": change_words(session, run),
             "sentences": _sentences(run, protocol),
             **compared(run.comparison, protocol, page),
         }

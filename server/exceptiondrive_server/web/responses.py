@@ -14,7 +14,7 @@ from exceptiondrive_schemas.api.site import SiteLinks
 from exceptiondrive_server.web.browser_session import MAX_BACK, Holder, SignedIn, holder_of
 from exceptiondrive_server.web.compression import takes_gzip
 from exceptiondrive_server.web.etag import PROXY_KEEPS, conditional
-from exceptiondrive_server.web.kept_pages import KeptPage, Made
+from exceptiondrive_server.web.kept_pages import KeptPage
 from exceptiondrive_server.web.middleware import HEADERS
 from exceptiondrive_server.web.problem_vocabulary import PROBLEMS
 from exceptiondrive_server.web.services import services_of
@@ -22,8 +22,8 @@ from exceptiondrive_server.web.templating import render
 
 router = APIRouter(include_in_schema=False)
 Theme = Literal["auto", "light", "dark"]
-Reading = tuple[object, Callable[[], Mapping[str, Any]]]
-"""What a page follows from, as values that are small and equal where the pages are; what fills it."""
+Values = Mapping[str, Any]
+"""What fills a template."""
 THEMES: tuple[Theme, ...] = ("auto", "light", "dark")
 THEME_COOKIE = "theme"
 YEAR_S = 365 * 24 * 3600
@@ -152,27 +152,25 @@ def page(
 
 
 def public_page(
-    request: Request, template: str, current: str, read: Callable[[Session], Reading]
+    request: Request, template: str, current: str, read: Callable[[Session], Values]
 ) -> Response:
-    """Answer with a page that follows from the records; what visitors see is kept until they say else.
+    """Answer with a page that is read from the records; what visitors see is kept for a second.
 
-    `read` reads what the page follows from besides its address.
+    `read` returns what fills the template.
     """
     services = services_of(request)
     is_search = "q" in request.query_params  # free text: kept, it would push out all other pages
     if is_search or holder_of(request) is not Holder.VISITOR:
         with services.database.read() as session:
-            _, fill = read(session)
-        return page(request, template, current, **fill())
+            values = read(session)
+        return page(request, template, current, **values)
 
-    def read_again() -> Made:
+    def make() -> str:
         with services.database.read() as session:
-            made_of, fill = read(session)
-        site = site_of(request, current)
-        return (site, made_of), lambda: render(template, site=site, **fill())
+            values = read(session)
+        return render(template, site=site_of(request, current), **values)
 
-    kept = services.kept_pages.current(frame_of(request), services.database.state, read_again)
-    return _kept_page(request, kept)
+    return _kept_page(request, services.kept_pages.current(frame_of(request), make))
 
 
 def _kept_page(request: Request, kept: KeptPage) -> Response:

@@ -19,7 +19,7 @@ from exceptiondrive_server.web.templating import render
 
 MAX_BYTES = 150_000
 MAX_CALLS, MAX_CALLS_AGAIN, MAX_CALLS_KEPT = 9_000, 1_000, 40
-MAX_FILES, MAX_FILES_AGAIN, MAX_FILES_KEPT = 46, 32, 10
+MAX_FILES, MAX_FILES_AGAIN, MAX_FILES_KEPT = 47, 32, 9
 """Of the making of a page, without those that answer with one that is kept; and those."""
 
 
