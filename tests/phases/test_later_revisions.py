@@ -211,6 +211,6 @@ def test_a_revision_that_waits_rewords_nothing_that_the_history_says(
     with life.database.read() as session:
         said = {row.revision: row.changes for row in list_splits(session)}
     assert said[first] is None, "a run back to it repeats no words"
-    changes = said[second]
-    assert changes is not None
-    assert changes.words == "b goes."
+    held = said[second]
+    assert held is not None
+    assert held.words == "b goes."

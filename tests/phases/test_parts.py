@@ -346,7 +346,7 @@ def test_a_reveal_of_the_split_says_that_it_ends_the_freeze_for_good(
     assert late in organizer.get("/organize/phases/test/reveal-split").text
     life.apply(run)
     (line,) = life.json("/api/v1/organizer/audit?action=freeze ended", "organizer")
-    assert (line["subject"], line["detail"]) == ("test", {"reason": "as announced"})
+    assert (line["subject"], line["detail"]) == ("test", {"reason": "as announced", "board": 1})
     titles = [one["title"] for one in life.json("/api/v1/notifications", "beta")]
     assert titles.count("The board of Test is revealed") == (scores == "hidden")
     life.done(f"/rescoring/{run}/rollback", {"reason": "a mistake"})

@@ -54,8 +54,8 @@ def running_deadlines(session: Session, phase: Phase) -> list[tuple[Team, dateti
         )
         .order_by(Allowance.closes_at, Team.slug)
     )
-    found = session.execute(query)
-    return [(team, until) for team, until in found if own_deadline(phase, until) is not None]
+    found = ((team, own_deadline(phase, until)) for team, until in session.execute(query))
+    return [(team, until) for team, until in found if until is not None]
 
 
 def ended_by_reveal(session: Session, phase: Phase) -> tuple[str, ...]:

@@ -7,7 +7,7 @@ from sqlalchemy import exists, select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.log import audit
-from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.boards.boards import current_board
 from exceptiondrive_records.db.identifiers import checked_reason
 from exceptiondrive_records.notifications.inbox import tell_team
 from exceptiondrive_records.phases.allowances import allowance_of, is_revealed
@@ -25,7 +25,9 @@ def end_freeze(session: Session, phase: Phase, now: datetime, *, reason: str, ac
         ScoreSheetRow.submission_id == Submission.id, Submission.phase_id == phase.id, since
     )
     phase.unfrozen_at = now
-    audit(session, actor, "freeze ended", phase.id, {"reason": checked_reason(reason)})
+    shown = current_board(session, phase.id)
+    detail = {"reason": checked_reason(reason), "board": None if shown is None else shown.number}
+    audit(session, actor, "freeze ended", phase.id, detail)
     if phase.policy.frozen_scores == "hidden" and session.scalar(select(kept_back)):
         title = f"The board of {phase.title} is revealed"
         tell_teams(session, phase, title, "Scores that were kept back are shown.")

@@ -18,7 +18,6 @@ from exceptiondrive_records.splits.splits import part_revision, part_words
 from exceptiondrive_schemas.api.phase_settings import SplitPart
 from exceptiondrive_schemas.api.rescoring import RunState
 
-
 LATE_FILES = "Late files are refused from the reveal on, also after a rollback."
 
 
