@@ -437,6 +437,12 @@ def test_the_reveal_waits_for_the_deadline_then_flips_the_board_once(life: "Life
     life.work()
     run = life.reveal()
     preview = life.json(f"/api/v1/organizer/rescoring/{run}/preview", "organizer")
+    organizer, waits = (
+        visitor(life, "organizer"),
+        "ready, but something stands in the way of applying",
+    )
+    for address in ("/organize", f"/organize/rescoring/{run}"):
+        assert waits in organizer.get(address).text
     body = {"preview": preview["digest"], "reason": "too early"}
     assert "open until" in life.refused(f"/rescoring/{run}/apply", body, 409)
     old = life.get("/api/v1/boards/test/1").text
@@ -505,6 +511,9 @@ def test_after_a_rollback_pages_say_what_stands(life: "Life") -> None:
     assert life.board()["board"] == life.board("&protocol=1.0")["board"] == public
     assert stands.format(public) in life.get(entry).text, "the board that is shown, built earlier"
     assert stands.format(private) not in life.get(entry).text
+    assert (
+        "Newest run (rolled back)" in visitor(life, "organizer").get("/organize/phases/test").text
+    )
     told = life.get(report).text
     assert "Only the public part of the split counts." in told
     assert "not been revealed" not in told, "readers saw it"
