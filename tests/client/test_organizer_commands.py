@@ -250,6 +250,7 @@ def test_a_season_with_teams_from_the_command_line(running: "Running", tmp_path:
                 True,
                 True,
             )
+            assert ("Its tokens are revoked" in asked.stderr) == (deed is merge)
         assert "one alone stands" in " ".join(organize(running, *merge).stderr.split())
         assert standings(running)["alef"] == ""
         merged = organize(running, *merge, "--yes")
@@ -487,6 +488,11 @@ def test_a_preview_and_an_apply_say_whose_deadline_a_reveal_ends(
         ("old_board", "new_board", "n_entries", "n_numbers_changed", "n_ranks_changed",
          "n_newly_failing"), 1)  # fmt: skip
     sides = {"challenge": "planning", "from_protocol": version, "to_protocol": version}
+    sides |= {
+        f"{end}_split": {"name": "tiny", "revision": f"sha256:{digit * 64}"}
+        for end, digit in (("from", "5"), ("to", "7"))
+    }
+    revisions = f"{'5' * 12} -> {'7' * 12}"
     gone = {
         "submission_id": "s",
         "method": "Third",
@@ -517,12 +523,14 @@ def test_a_preview_and_an_apply_say_whose_deadline_a_reveal_ends(
 
     seen = " ".join(said("preview", "R").stdout.split())
     assert words in seen
+    assert f"{revisions}, board 1 -> 1" in seen
     assert (
         "Third (Alef): not on the new board: on its way, replaced, withdrawn or disqualified"
         in seen
     )
     done = said("apply", "R", "--preview", "sha256:seen", "--reason", "the end")
     assert (done.exit_code, words in done.stderr) == (0, True), done.stderr
+    assert done.stdout.startswith(f"run R  applied  phase dev  {revisions}\n")
     unseen = said("apply", "R", "--reason", "the end")
     assert (unseen.exit_code, "--preview" in unseen.stderr) == (2, True), unseen.stderr
 

@@ -148,11 +148,24 @@ def test_a_reveal_of_hidden_scores_says_before_it_asks_that_later_deadlines_end(
     running: "Running",
 ) -> None:
     make_phase(running, "--frozen-scores", "hidden", CLOSES)
-    named = f"{running.url}/organize/phases/test/reveal-board names them."
+    named = f"{running.url}/organize/phases/test/reveal-board names any."
     for what, is_said in (("board", True), ("names", False)):
         asked = organize(running, "reveal", "test", "--what", what, *REASON)
         assert asked.exit_code == 2
         assert (named in asked.stderr) is is_said
+
+
+def test_a_withdrawal_behind_a_hidden_freeze_says_that_the_reveal_tells_what_stands(
+    working: "Running", planning_file: MakeFile
+) -> None:
+    make_phase(working, "--frozen-scores", "hidden")
+    assert organize(working, "freeze", "test", *REASON).exit_code == 0
+    files = planning_file(), other_bytes(planning_file("two.json"))
+    _, second = (scored(working, file, "Planner") for file in files)
+    gone = run(working, "withdraw", second)
+    assert (
+        gone.stdout == f"{second} withdrawn: which run stands is told when the board is revealed\n"
+    )
 
 
 def test_names_are_revealed(working: "Running", planning_file: MakeFile) -> None:

@@ -25,6 +25,7 @@ from exceptiondrive.cli.tables import (
     submissions_left,
     submissions_view,
 )
+from exceptiondrive_schemas.api.phase_settings import PhaseNow
 from exceptiondrive_schemas.api.submission import (
     PhaseView,
     QueuePlace,
@@ -224,6 +225,12 @@ def test_a_phase_that_is_ahead_is_told_by_its_opening(
     dates = {"opens_at": opens_at, "closes_at": closes_at, "is_open": is_open}
     told = phases_table((phase("dev", **dates),), datetime.now(UTC)).rows[0][0][-2].plain
     assert told.startswith(words) if words.endswith((" ", "2")) else told == words
+
+
+def test_the_samples_of_a_phase_are_those_that_its_board_counts() -> None:
+    now = PhaseNow(part="public", n_counted=150, is_anonymous=False, takes_late_entries=False)
+    told = phases_table((phase("dev", n_samples=300, now=now),), NOW).rows[0][0]
+    assert "150" in [cell.plain for cell in told]
 
 
 def test_a_phase_is_open_to_a_team_until_its_own_deadline() -> None:

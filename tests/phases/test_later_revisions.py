@@ -7,7 +7,11 @@ from tests.phases.life import CAREFUL, PRIVATE_ONLY, PUBLIC_ONLY, SAMPLES, split
 from tests.support.floors import write_floors
 from tests.support.worker import add_split, due_jobs, score_submission
 
+from exceptiondrive_records.splits.splits import list_splits
 from exceptiondrive_schemas.api.phase_settings import SplitPart
+from exceptiondrive_schemas.base import canonical_json
+from exceptiondrive_schemas.datasheet import SplitChange
+from exceptiondrive_worker.sample.files import sample_datasheet
 from exceptiondrive_worker.splits.store import parts_of
 
 if TYPE_CHECKING:
@@ -165,3 +169,48 @@ def test_what_readers_are_told_of_a_split_waits_until_a_phase_shows_it(life: "Li
     assert (known(first[None]), known(later[None])) == (True, True)
     assert n_samples() == n_first - 1
     assert str(later[None]) in life.get("/splits/parted").text
+
+
+@pytest.mark.parametrize("told_by", ["words", "datasheet"])
+def test_a_revision_that_waits_rewords_nothing_that_the_history_says(
+    life: "Life", told_by: str
+) -> None:
+    """It holds a part that is registered: what readers were told of that stays."""
+    life.make_phase()
+    life.submit("alpha", PUBLIC_ONLY)
+    life.work()
+    first = life.revisions()["public"]
+    second = correct(life, "public")["public"]
+    run = life.start_run(split_revision=second)
+    apply(life, run)
+    sources = ("/history?phase=test", "/feed.atom?phase=test", f"/rescoring/{run}")
+
+    def told() -> list[str]:
+        return [
+            *(life.get(source).text for source in sources),
+            *life.json(f"/api/v1/rescoring/{run}")["changes"],
+            *life.json("/api/v1/boards?phase=test")[0]["what_changed"],
+        ]
+
+    before = told()
+    assert "b goes." in before[0]
+    split, folder = split_of(SAMPLES, "parted"), life.worker.splits_dir
+    for gone, name in (("bc", "split-waits.json"), ("c", "split-back.json")):
+        samples = (
+            it.model_copy(update={"withdrawn": "no hazard"}) if it.sample_id in gone else it
+            for it in split.samples
+        )
+        later = split.model_copy(update={"samples": tuple(samples)})
+        if told_by == "datasheet":
+            changes = SplitChange.between(split, later, "Others.")
+            sheet = sample_datasheet(later).model_copy(update={"changes": changes})
+            beside = folder / "parted" / name.replace("split", "datasheet")
+            beside.write_bytes(canonical_json(sheet))
+        add_split(life.database, folder, later, name, "Others." * (told_by == "words"))
+    assert told() == before
+    with life.database.read() as session:
+        said = {row.revision: row.changes for row in list_splits(session)}
+    assert said[first] is None, "a run back to it repeats no words"
+    held = said[second]
+    assert held is not None
+    assert held.words == "b goes."

@@ -34,6 +34,7 @@ from exceptiondrive_worker.splits.store import SplitStore, SplitUnavailableError
 if TYPE_CHECKING:
     from tests.phases.life import Life
 
+MOVES_NO_MORE = "From the reveal on, for good, the deadline moves no more."
 PLACES = (
     "/?phase=test",
     "/export/board.csv?phase=test",
@@ -276,13 +277,15 @@ def test_a_later_deadline_of_a_team_ends_with_the_reveal(life: "Life", what: str
     organizer = visitor(life, "organizer")
     until = f"{datetime.fromisoformat(grant['closes_at']):%Y-%m-%d %H:%M} UTC"
     words = f"Beta Labs has a deadline of its own, {until}: it ends with the reveal."
-    assert words in organizer.get(f"/organize/phases/test/reveal-{what}").text
+    page = organizer.get(f"/organize/phases/test/reveal-{what}").text
+    assert words in page
+    assert MOVES_NO_MORE in page
     assert words not in organizer.get("/organize/phases/test/reveal-names").text
     if what == "split":
         life.work()
         path = f"/rescoring/{run}/preview"
         preview = life.json(f"/api/v1/organizer{path}", "organizer")
-        assert preview["warnings"] == [words]
+        assert preview["warnings"] == [MOVES_NO_MORE, words]
         assert words in organizer.get(f"/organize{path}").text
         step = f"/organize/rescoring/{run}/apply?preview={preview['digest']}"
         assert words in organizer.get(step).text
@@ -293,10 +296,62 @@ def test_a_later_deadline_of_a_team_ends_with_the_reveal(life: "Life", what: str
     for each in own:
         refused = life.request("POST", f"/api/v1/submissions/{each}/choose", "beta")
         assert refused.status_code == 409
+    told = [n for n in life.json("/api/v1/notifications", "beta") if n["kind"] == "allowance"]
+    assert {one["title"] for one in told} == {
+        "What your team may submit to Test is changed",
+        "Your team's own deadline in Test has ended",
+    }
+    assert [until in one["what_changed"][-1] for one in told] == [True] * 2
+    for team in ("alpha", "gamma"):
+        kinds = {one["kind"] for one in life.json("/api/v1/notifications", team)}
+        assert "allowance" not in kinds
+    shown = " ".join(organizer.get("/organize/teams/beta").text.split())
+    assert "UTC</time>, ended with the reveal" in shown
+    (own_limits,) = life.json("/api/v1/organizer/teams/beta/participation", "organizer")[
+        "allowances"
+    ]
+    assert own_limits["is_ended_by_reveal"]
     late = life.upload("beta", 3.0, "M", split)
     assert (late.status_code, "own deadline ended" in late.json()["detail"]) == (403, True)
     assert life.get("/phases/test/report").status_code == 200, "all teams are done"
     assert "revealed" in life.refused("/teams/beta/allowances/test", grant, 409, "PATCH")
+
+
+@pytest.mark.parametrize("scores", ["shown", "hidden"])
+def test_a_reveal_of_the_split_says_that_it_ends_the_freeze_for_good(
+    life: "Life", scores: str
+) -> None:
+    """After a rollback readers see what the freeze hid: whoever applies it knows that before."""
+    policy = {"frozen_scores": scores, "late_entries": "own_view"}
+    life.make_phase(closes_at=life.ahead(60), policy=policy)
+    life.submit("alpha", PUBLIC_ONLY)
+    life.work()
+    life.done("/phases/test/freeze")
+    hidden = life.submit("beta", CAREFUL)
+    life.work()
+    life.move(closes_at=life.now())
+    run = life.reveal()
+    preview = life.json(f"/api/v1/organizer/rescoring/{run}/preview", "organizer")
+    freeze, late = (
+        "The freeze ends with this; a rollback does not bring it back.",
+        "Late files are refused from the reveal on, also after a rollback.",
+    )
+    assert preview["warnings"] == [freeze, late, MOVES_NO_MORE]
+    organizer = visitor(life, "organizer")
+    for page in (
+        f"/organize/rescoring/{run}/preview",
+        f"/organize/rescoring/{run}/apply?preview={preview['digest']}",
+    ):
+        assert freeze in organizer.get(page).text
+    assert late in organizer.get("/organize/phases/test/reveal-split").text
+    life.apply(run)
+    (line,) = life.json("/api/v1/organizer/audit?action=freeze ended", "organizer")
+    assert (line["subject"], line["detail"]) == ("test", {"reason": "as announced", "board": 1})
+    titles = [one["title"] for one in life.json("/api/v1/notifications", "beta")]
+    assert titles.count("The board of Test is revealed") == (scores == "hidden")
+    life.done(f"/rescoring/{run}/rollback", {"reason": "a mistake"})
+    assert hidden in life.entry_ids()
+    assert len(life.json("/api/v1/organizer/audit?action=freeze ended", "organizer")) == 1
 
 
 @pytest.mark.parametrize("is_revealed", [False, True])
@@ -382,6 +437,12 @@ def test_the_reveal_waits_for_the_deadline_then_flips_the_board_once(life: "Life
     life.work()
     run = life.reveal()
     preview = life.json(f"/api/v1/organizer/rescoring/{run}/preview", "organizer")
+    organizer, waits = (
+        visitor(life, "organizer"),
+        "ready, but something stands in the way of applying",
+    )
+    for address in ("/organize", f"/organize/rescoring/{run}"):
+        assert waits in organizer.get(address).text
     body = {"preview": preview["digest"], "reason": "too early"}
     assert "open until" in life.refused(f"/rescoring/{run}/apply", body, 409)
     old = life.get("/api/v1/boards/test/1").text
@@ -450,6 +511,9 @@ def test_after_a_rollback_pages_say_what_stands(life: "Life") -> None:
     assert life.board()["board"] == life.board("&protocol=1.0")["board"] == public
     assert stands.format(public) in life.get(entry).text, "the board that is shown, built earlier"
     assert stands.format(private) not in life.get(entry).text
+    assert (
+        "Newest run (rolled back)" in visitor(life, "organizer").get("/organize/phases/test").text
+    )
     told = life.get(report).text
     assert "Only the public part of the split counts." in told
     assert "not been revealed" not in told, "readers saw it"

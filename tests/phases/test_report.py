@@ -99,6 +99,40 @@ def test_a_freeze_and_a_team_with_a_later_deadline_keep_the_report_back(life: "L
     assert "No more ranked" not in words, "each of the frozen board is"
     life.done("/phases/test/freeze")
     assert life.get(REPORT).status_code == 404
+    life.done("/phases/test/reveal", {"what": "board", "reason": "frozen by mistake"})
+    assert life.json(REPORT)["shake_up"] == shake_up, "the first reveal counts"
+
+
+def test_a_freeze_that_hid_nothing_is_no_reveal(life: "Life") -> None:
+    life.make_phase(split="plain", closes_at=life.ahead(60))
+    for speed in (1.0, 0.5):
+        life.submit("alpha", speed, f"At {speed}", "plain")
+        life.work()
+    life.move(closes_at=life.now())
+    life.done("/phases/test/freeze")
+    life.done("/phases/test/reveal", {"what": "board", "reason": "frozen by mistake"})
+    assert life.json(REPORT)["shake_up"] is None
+
+
+def test_a_reveal_that_ended_a_freeze_and_was_rolled_back_is_told_as_its_end(life: "Life") -> None:
+    life.make_phase(closes_at=life.ahead(60))
+    early = life.submit("alpha", 1.0, "Early")
+    life.work()
+    frozen = life.board()["board"]
+    life.done("/phases/test/freeze")
+    late = life.submit("beta", 0.5, "Behind the freeze")
+    life.work()
+    life.move(closes_at=life.now())
+    run = life.reveal()
+    life.apply(run)
+    life.done(f"/rescoring/{run}/rollback", {"reason": "a mistake"})
+    for _ in range(2):
+        shake_up = life.json(REPORT)["shake_up"]
+        assert (shake_up["board"], shake_up["part"]) == (frozen, "public")
+        before = {one["submission_id"]: one["before"] for one in shake_up["places"]}
+        assert before == {early: 1, late: None}
+        life.done("/phases/test/freeze")
+        life.done("/phases/test/reveal", {"what": "board", "reason": "frozen by mistake"})
 
 
 def test_a_new_run_during_a_freeze_is_told_as_the_same_method(life: "Life") -> None:

@@ -99,14 +99,21 @@ def test_a_frozen_board_stays_while_scoring_goes_on(life: "Life", scores: str) -
     assert (live["is_public"], live["names"][late]) == (False, ["Beta Labs", "Secret"])
     for path in ("/phases/test", "/?phase=test"):
         words = " ".join(life.get(path).text.split())
-        assert "What comes later is scored, and shown when the organizers reveal" in words
+        assert "What is scored since is shown when the organizers reveal the board, for" in words
     life.done("/phases/test/reveal", {"what": "board", "reason": "ceremony"})
     assert set(life.entry_ids()) == {early, late}
     assert life.json("/api/v1/phases/test")["now"]["frozen_since"] is None
     assert life.get("/?phase=test").text.count("on the board within seconds") == 2
-    for who, n in (("alpha", scores == "hidden"), ("beta", scores == "hidden"), ("gamma", 0)):
-        notices = life.json("/api/v1/notifications", who)
-        assert [one["title"] for one in notices] == ["The board of Test is revealed"] * n
+
+    def assert_told(*, is_kept_back: bool) -> None:
+        for who, n in (("alpha", is_kept_back), ("beta", is_kept_back), ("gamma", 0)):
+            notices = life.json("/api/v1/notifications", who)
+            assert [one["title"] for one in notices] == ["The board of Test is revealed"] * n
+
+    assert_told(is_kept_back=scores == "hidden")
+    life.done("/phases/test/freeze")
+    life.done("/phases/test/reveal", {"what": "board", "reason": "nothing came meanwhile"})
+    assert_told(is_kept_back=scores == "hidden")
 
 
 def test_teams_are_told_of_a_changed_deadline(life: "Life") -> None:

@@ -40,6 +40,7 @@ def test_readers_see_every_entry_before_and_after_a_run_that_was_applied(
     page = read(here)
     assert '<h1 id="h1">Protocol 1.0 to 1.1</h1>' in page
     assert "required clearance of task SE1" in page
+    assert "Entries of a late view are left out." in page
     for unwanted in ("kept to ourselves", "taken back", "/organize"):
         assert unwanted not in page
     numbers = api("GET", f"/rescoring/{run}", "nobody").json()["comparison"]

@@ -167,7 +167,7 @@ def phases_table(views: tuple[PhaseView, ...], now: datetime) -> FittedTable:
             view.challenge,
             view.title,
             view.split + (" (public)" if view.split_is_public else ""),
-            f"{view.n_samples:,}",
+            f"{view.now.n_counted if view.now else view.n_samples:,}",
             view.protocol,
             window,
             _left(view, window),

@@ -305,6 +305,8 @@ def withdraw(
         if again.unranked_because is not None:
             why = again.unranked_because
             words = f"the run before, {entry_words(again)}, takes no place now: {why}"
+    if view.score_kept_back_since is not None:
+        words = "which run stands is told when the board is revealed"
     if not stands:
         words = "it was so before, and nothing changed"
     return view, f"{view.id} {view.status}: {words}", *([lost] if against else ())

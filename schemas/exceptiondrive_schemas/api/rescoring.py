@@ -293,7 +293,7 @@ class PreviewView(Document):
     is_stale: bool
     blockers: tuple[str, ...]
     warnings: tuple[str, ...] = ()
-    """What else it ends: the later deadlines of single teams that still run."""
+    """What else it ends for good: a freeze, later deadlines of single teams."""
     comparison: Comparison
 
 

@@ -39,12 +39,12 @@ def is_revealed(session: Session, phase: Phase) -> bool:
     return phase.closes_at is not None and has_revealed(session, phase, phase.closes_at)
 
 
-def ended_by_reveal(session: Session, phase: Phase) -> tuple[str, ...]:
-    """Say which teams have a later deadline that still runs, and that a reveal of scores would end."""
+def running_deadlines(session: Session, phase: Phase) -> list[tuple[Team, datetime]]:
+    """Return which teams have a later deadline that still runs, and that a reveal of scores would end."""
     if is_revealed(session, phase):
-        return ()
+        return []
     query = (
-        select(Team.name, Allowance.closes_at)
+        select(Team, Allowance.closes_at)
         .join(Team, Team.id == Allowance.team_id)
         .where(
             Allowance.phase_id == phase.id,
@@ -54,10 +54,21 @@ def ended_by_reveal(session: Session, phase: Phase) -> tuple[str, ...]:
         )
         .order_by(Allowance.closes_at, Team.slug)
     )
-    return tuple(
-        f"{name} has a deadline of its own, {until:%Y-%m-%d %H:%M} UTC: it ends with the reveal."
-        for name, until in session.execute(query)
-        if own_deadline(phase, until) is not None
+    found = ((team, own_deadline(phase, until)) for team, until in session.execute(query))
+    return [(team, until) for team, until in found if until is not None]
+
+
+def ended_by_reveal(session: Session, phase: Phase) -> tuple[str, ...]:
+    """Say what a reveal of scores would end for good; nothing where one was."""
+    if is_revealed(session, phase):
+        return ()
+    private = ", and no entry is published or made private" if phase.policy.entries_private else ""
+    return (
+        f"From the reveal on, for good, the deadline moves no more{private}.",
+        *(
+            f"{team.name} has a deadline of its own, {until:%Y-%m-%d %H:%M} UTC: it ends with the reveal."
+            for team, until in running_deadlines(session, phase)
+        ),
     )
 
 

@@ -7,8 +7,9 @@ from sqlalchemy.orm import Session
 
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import Conflict
+from exceptiondrive_records.phases.allowances import ended_by_reveal
 from exceptiondrive_records.phases.phases import lock_phase
-from exceptiondrive_records.phases.policy import frozen_since, has_closed
+from exceptiondrive_records.phases.policy import frozen_since, has_closed, was_split_revealed
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.rescoring.changes import create_run, start_run
 from exceptiondrive_records.rescoring.comparison import splits_of
@@ -16,6 +17,8 @@ from exceptiondrive_records.rescoring.tables import RescoringRun
 from exceptiondrive_records.splits.splits import part_revision, part_words
 from exceptiondrive_schemas.api.phase_settings import SplitPart
 from exceptiondrive_schemas.api.rescoring import RunState
+
+LATE_FILES = "Late files are refused from the reveal on, also after a rollback."
 
 
 def reveal_split(session: Session, phase_id: str, *, reason: str, actor: str) -> Phase:
@@ -55,6 +58,19 @@ def reveal_blockers(session: Session, run: RescoringRun) -> Iterator[str]:
     elif too_early := _against_reveal(phase, now):
         yield too_early
         yield from _same_part(session, run)
+
+
+def reveal_warnings(session: Session, run: RescoringRun) -> tuple[str, ...]:
+    """Say what ends for good when a reveal is applied, as no rollback brings it back."""
+    phase = session.get_one(Phase, run.phase_id)
+    if run.state is RunState.APPLIED or run.state.is_final or not is_reveal(session, run):
+        return ()
+    found = ended_by_reveal(session, phase)
+    if phase.policy.late_entries == "own_view" and not was_split_revealed(session, phase):
+        found = (LATE_FILES, *found)
+    if frozen_since(phase, database_now(session)) is not None:
+        found = ("The freeze ends with this; a rollback does not bring it back.", *found)
+    return found
 
 
 def _same_part(session: Session, run: RescoringRun) -> Iterator[str]:

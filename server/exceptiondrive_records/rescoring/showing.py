@@ -5,7 +5,6 @@ from datetime import timedelta
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.boards.boards import (
     boards_of_flip,
     entries_on,
@@ -15,19 +14,21 @@ from exceptiondrive_records.boards.boards import (
 from exceptiondrive_records.boards.renewal import renew_boards
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import Conflict
-from exceptiondrive_records.db.identifiers import checked_reason
-from exceptiondrive_records.notifications.inbox import tell_team
 from exceptiondrive_records.notifications.tables import Notification
-from exceptiondrive_records.phases.allowances import allowance_of, end_own_deadlines, is_revealed
+from exceptiondrive_records.phases.allowances import end_own_deadlines, running_deadlines
 from exceptiondrive_records.phases.changes import update_phase
 from exceptiondrive_records.phases.phases import lock_phase
-from exceptiondrive_records.phases.policy import frozen_since, own_deadline
+from exceptiondrive_records.phases.policy import frozen_since
 from exceptiondrive_records.phases.scoring_keys import key_of_phase
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.rescoring.comparison import compare_rows
 from exceptiondrive_records.rescoring.flip import notify_of_run
+from exceptiondrive_records.rescoring.freeze import (
+    end_freeze,
+    tell_of_ended_deadlines,
+    tell_teams,
+)
 from exceptiondrive_records.rescoring.tables import RescoringRun
-from exceptiondrive_records.teams.teams import teams_that_read
 from exceptiondrive_schemas.api.notifications import NotificationKind
 from exceptiondrive_schemas.api.phase_settings import PhaseChange
 from exceptiondrive_schemas.api.rescoring import RunState
@@ -49,7 +50,7 @@ def change_phase(session: Session, phase_id: str, change: PhaseChange, *, actor:
     was, now = (f"{at:%Y-%m-%d %H:%M} UTC" if at else "none" for at in (until, phase.closes_at))
     if was != now:
         title = f"The deadline of {phase.title} is changed"
-        _tell_teams(session, phase, title, f"From {was} to {now}.")
+        tell_teams(session, phase, title, f"From {was} to {now}.")
     return phase
 
 
@@ -64,33 +65,15 @@ def reveal_board(session: Session, phase_id: str, *, reason: str, actor: str) ->
     now = database_now(session)
     if frozen_since(phase, now) is None:
         raise Conflict("The board is not frozen: there is nothing to reveal.")
-    phase.unfrozen_at = now
+    running = running_deadlines(session, phase)
+    end_freeze(session, phase, now, reason=reason, actor=actor)
     end_own_deadlines(session, phase, now)
+    tell_of_ended_deadlines(session, phase, running)
     row = latest_board(session, phase.id, key_of_phase(phase))
     if row is not None:
         flip_board(session, phase, row)
     renew_boards(session, phase)
-    audit(session, actor, "freeze ended", phase.id, {"reason": checked_reason(reason)})
-    if phase.policy.frozen_scores == "hidden":
-        title = f"The board of {phase.title} is revealed"
-        _tell_teams(session, phase, title, "Scores that were kept back are shown.")
     return phase
-
-
-def _tell_teams(session: Session, phase: Phase, title: str, sentence: str) -> None:
-    """Tell the teams that submitted to a phase; of a hidden one nothing is told.
-
-    One whose own later deadline still holds is told that, too.
-    """
-    if phase.visibility == "hidden":
-        return
-    has_ended = is_revealed(session, phase)
-    for team in teams_that_read(session, phase.id):
-        own = None if has_ended else allowance_of(session, team.id, phase.id)
-        until = own and own_deadline(phase, own.closes_at)
-        words = f"Your team's own deadline is still {until:%Y-%m-%d %H:%M} UTC." if until else None
-        sentences = tuple(filter(None, (sentence, words)))
-        tell_team(session, team, "phase_changed", title, sentences, phase=phase.id)
 
 
 def _tell_of_hidden_updates(session: Session, phase: Phase) -> None:

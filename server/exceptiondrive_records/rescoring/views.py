@@ -8,7 +8,6 @@ from sqlalchemy.orm import Session
 from exceptiondrive_records.boards.boards import aliases_in, latest_board, under_alias
 from exceptiondrive_records.boards.tables import BoardFlip, BoardRow
 from exceptiondrive_records.db.errors import Conflict, NotFound
-from exceptiondrive_records.phases.allowances import ended_by_reveal
 from exceptiondrive_records.phases.phases import find_phase
 from exceptiondrive_records.phases.scoring_keys import shadow_key
 from exceptiondrive_records.phases.tables import Phase
@@ -27,7 +26,7 @@ from exceptiondrive_records.rescoring.comparison import (
 )
 from exceptiondrive_records.rescoring.flip import blockers_of, comparison_of
 from exceptiondrive_records.rescoring.progress import count_scored, progress_of
-from exceptiondrive_records.rescoring.reveal import is_reveal
+from exceptiondrive_records.rescoring.reveal import reveal_warnings
 from exceptiondrive_records.rescoring.runs import find_run, list_runs
 from exceptiondrive_records.rescoring.tables import RescoringRun
 from exceptiondrive_records.rescoring.trials import trial_of
@@ -139,7 +138,7 @@ def preview_of(session: Session, run_id: str, seen: str | None = None) -> Previe
         direction=_direction(run.state),
         is_stale=is_behind or (seen is not None and seen != compared.digest),
         blockers=blockers,
-        warnings=ended_by_reveal(session, phase) if is_reveal(session, run) else (),
+        warnings=reveal_warnings(session, run),
         comparison=compared.comparison,
     )
 

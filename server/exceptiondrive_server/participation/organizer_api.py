@@ -258,7 +258,7 @@ def patch_allowance(
         )
         if row is None:
             return AllowanceView(phase=phase_id)
-        return allowance_view(find_phase(session, phase_id), row)
+        return allowance_view(session, find_phase(session, phase_id), row)
 
 
 @router.post("/team-imports", operation_id="importTeams", status_code=201)

@@ -226,7 +226,7 @@ def allowance(services: ServicesOf, team_id: TeamId, phase_id: PhaseId) -> Step:
 
     def texts(session: Session) -> dict[str, str]:
         row = allowance_of(session, find_team(session, team_id).id, phase_id)
-        own = None if row is None else allowance_view(find_phase(session, phase_id), row)
+        own = None if row is None else allowance_view(session, find_phase(session, phase_id), row)
         return {field.name: text_of(getattr(own, field.name, None)) for field in ALLOWANCE[:-1]}
 
     def kept(session: Session) -> dict[str, str]:

@@ -7,11 +7,13 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.accounts.people import members_of
+from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.notifications.contacts import list_contacts, newest_delivery
 from exceptiondrive_records.notifications.tables import Channel, DeliveryState
 from exceptiondrive_records.participation.allowances import list_allowances
 from exceptiondrive_records.participation.disqualification import list_disqualifications
 from exceptiondrive_records.participation.tables import Allowance, Disqualification
+from exceptiondrive_records.phases.allowances import is_revealed
 from exceptiondrive_records.phases.policy import own_deadline
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.phases.terms import acceptances_of
@@ -42,6 +44,8 @@ class AllowanceView(BaseModel):
 
     phase: str
     closes_at: datetime | None = None
+    is_ended_by_reveal: bool = False
+    """Whether that deadline is still to come, and holds no more since a reveal."""
     quota_per_day: int | None = None
     quota_total: int | None = None
     reason: str = ""
@@ -121,7 +125,7 @@ def participation_of(session: Session, team: Team) -> Participation:
         ],
         addresses=_addresses(session, team),
         allowances=[
-            allowance_view(session.get_one(Phase, row.phase_id), row)
+            allowance_view(session, session.get_one(Phase, row.phase_id), row)
             for row in list_allowances(session, team.id)
         ],
         disqualifications=[
@@ -150,11 +154,14 @@ def _addresses(session: Session, team: Team) -> list[AddressView]:
     return found
 
 
-def allowance_view(phase: Phase, row: Allowance) -> AllowanceView:
+def allowance_view(session: Session, phase: Phase, row: Allowance) -> AllowanceView:
     """Return an allowance as organizers see it; a deadline only if it lies after that of the phase."""
+    until = own_deadline(phase, row.closes_at)
+    is_to_come = until is not None and until > database_now(session)
     return AllowanceView(
         phase=row.phase_id,
-        closes_at=own_deadline(phase, row.closes_at),
+        closes_at=until,
+        is_ended_by_reveal=is_to_come and is_revealed(session, phase),
         quota_per_day=row.quota_per_day,
         quota_total=row.quota_total,
         reason=row.reason,

@@ -32,7 +32,7 @@ from exceptiondrive_records.phases.phases import (
 from exceptiondrive_records.phases.policy import has_closed
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol, list_protocols
-from exceptiondrive_records.rescoring.reveal import reveal_split
+from exceptiondrive_records.rescoring.reveal import LATE_FILES, reveal_split
 from exceptiondrive_records.rescoring.runs import list_runs
 from exceptiondrive_records.rescoring.showing import change_phase, reveal_board
 from exceptiondrive_records.splits.splits import list_splits, whole_split, words_of_revision
@@ -118,7 +118,7 @@ PHASE_STEPS: Mapping[str, PhaseStep] = {
         PhaseStep(
             "reveal-board",
             "Reveal the board",
-            "The freeze ends: readers see the newest board at once.",
+            "The freeze ends for good: readers see the newest board at once.",
             reveal_board,
             lambda phase: _now(phase).frozen_since is not None,
             is_grave=True,
@@ -136,8 +136,7 @@ PHASE_STEPS: Mapping[str, PhaseStep] = {
             "reveal-split",
             "Reveal the other part",
             "Workers score the part of the split that the phase reveals; the board changes "
-            "when the run that this begins is applied, and later deadlines of single teams "
-            "end then.",
+            f"when the run that this begins is applied. {LATE_FILES}",
             reveal_split,
             lambda phase: _now(phase).part == "public",
             is_grave=True,
@@ -289,7 +288,7 @@ def step_of(services: ServicesOf, phase_id: PhaseId, step: StepKey) -> Step:
         back=f"{HERE}/{phase_id}",
         back_words="The phase",
         fields=(REASON,),
-        facts=(("Phase", phase.title), *([("Deadlines", ending)] if ending else [])),
+        facts=(("Phase", phase.title), *([("Ends for good", ending)] if ending else [])),
         command=f'exceptiondrive organizer phases {verb} {phase_id}{what} --reason "…"',
         is_grave=known.is_grave,
         take=partial(known.take, phase_id=phase_id),

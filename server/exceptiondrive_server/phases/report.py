@@ -5,8 +5,10 @@ from collections import Counter
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
+from exceptiondrive_records.audit.tables import AuditLine
 from exceptiondrive_records.boards.boards import (
     current_board,
+    find_board,
     last_shown_of_part,
     parsed_board,
     was_shown,
@@ -116,23 +118,15 @@ def board_before_reveal(session: Session, phase: Phase, final: BoardRow) -> Boar
     """Return the last board that readers saw before a reveal; None where nothing was revealed.
 
     Where both were, the other part of the split counts, not the end of a freeze; a freeze that ended
-    before the deadline is no reveal.
+    before the deadline is no reveal. Of several that ended after it the first one counts.
     """
     if is_split_revealed(session, phase):
         return last_shown_of_part(session, phase, "public")
-    if phase.unfrozen_at is None or not has_closed(phase, phase.unfrozen_at):
-        return None
-    return session.scalars(
-        select(BoardRow)
-        .join(BoardFlip, BoardFlip.board_id == BoardRow.id)
-        .where(
-            BoardFlip.phase_id == phase.id,
-            BoardFlip.at < phase.unfrozen_at,
-            BoardRow.id != final.id,
-        )
-        .order_by(BoardFlip.id.desc())
-        .limit(1)
-    ).first()
+    ended = AuditLine.subject == phase.id, AuditLine.action == "freeze ended"
+    after = select(AuditLine).where(*ended, AuditLine.at >= phase.closes_at)
+    line = session.scalars(after.order_by(AuditLine.id).limit(1)).first()
+    number = None if line is None else line.detail["board"]
+    return None if number in (None, final.number) else find_board(session, phase.id, number)
 
 
 def _shake_up(session: Session, before: Board, after: Board) -> ShakeUp:

@@ -98,6 +98,8 @@ def _next_words(run: RunView) -> str:
         return "drafted, but it cannot be started: cancel it."
     if run.state is RunState.DRAFT and run.trial is not None and run.trial.state == "held":
         return "drafted, but the floors of its split forbid it."
+    if run.state is RunState.READY and run.blockers:
+        return "ready, but something stands in the way of applying it."
     return _NEXT[run.state]
 
 
@@ -188,8 +190,8 @@ RUN_STEPS: Mapping[str, RunStep] = {
             RunAction.ROLLBACK,
             "Roll back",
             "Roll back",
-            "Readers see the board under the earlier protocol again, and the teams whose numbers "
-            "change are told. While the phase is hidden, organizers alone see that board and "
+            "Readers see the board under the earlier protocol again, with what came since, behind a "
+            "freeze too, and the teams whose numbers change are told. While the phase is hidden, organizers alone see that board and "
             "nobody is told.",
             "run_rolled_back",
             flip.rollback_run,
@@ -247,7 +249,7 @@ def page_of_step(session: Session, step: RunStep, run_id: str, preview: str) -> 
     comparison = None if shown is None else shown.comparison
     facts = [*_facts(run_line(session, seen), titles_of_phases(session)[seen.phase], comparison)]
     if shown is not None and shown.warnings:
-        facts.append(("Deadlines", shown.warnings))
+        facts.append(("Ends for good", shown.warnings))
     if step.needs_preview and preview:
         facts.append(("Preview", preview))
     return Step(

@@ -377,14 +377,17 @@ def _earlier_revisions(database: Database, splits: SplitStore, split: Split) -> 
 def _changes(
     database: Database, splits: SplitStore, split: Split, sheet: Datasheet | None, words: str
 ) -> dict[SplitPart | None, SplitChange]:
-    """Return what is told of a later revision, and of each part that it changes.
+    """Return what is told of a later revision, and of each part that it changes and is the first to hold.
 
     The revision before is the one that the datasheet names; without one, and where this revision
     is not registered yet, the newest that is and whose file lies beside it.
     """
     said = sheet.changes if sheet else None
     with database.read() as session:
-        known = [row.revision for row in list_splits(session) if row.name == split.name]
+        rows = [row for row in list_splits(session) if row.name == split.name]
+    known = [row.revision for row in rows]
+    others = [row for row in rows if row.revision != split.revision]
+    told_already = {it for row in others for it in (row.public_revision, row.private_revision)}
     if said is not None:
         words, known = said.words, [said.previous]
     elif not words or split.revision in known:
@@ -397,6 +400,6 @@ def _changes(
     told: dict[SplitPart | None, SplitChange] = {}
     for part in parts_of(split):
         old, new = before.part(part), split.part(part)
-        if old.revision != new.revision:
+        if new.revision not in (old.revision, *told_already):
             told[part] = SplitChange.between(old, new, words)
     return told if said is None else {**told, None: said}

@@ -36,7 +36,10 @@ def show_team(organizer: Organizer, team_id: options.TeamId) -> Answer:
     tables = {
         "members": ("name", "email", "joined_at"),
         "addresses": ("address", "channel", "is_confirmed", "last_message"),
-        "allowances": ("phase", "closes_at", "quota_per_day", "quota_total", "reason"),
+        "allowances": (
+            *("phase", "closes_at", "is_ended_by_reveal"),
+            *("quota_per_day", "quota_total", "reason"),
+        ),
         "disqualifications": ("id", "phase", "submission", "reason", "reinstated_at"),
         "terms": ("phase", "version", "accepted_at"),
     }
@@ -75,7 +78,8 @@ def merge_teams(
 ) -> Answer:
     """Make a team part of another one, with submissions, people and addresses; needs --yes where it cannot ask."""
     be_sure(
-        f"Make {team_id} part of {into} for good? Its allowances are not passed on. {AFTER_A_MERGE}",
+        f"Make {team_id} part of {into} for good? Its tokens are revoked, and its allowances are not passed "
+        f"on. {AFTER_A_MERGE}",
         yes,
     )
     merged = organizer.merge_teams(team_id, into, reason)

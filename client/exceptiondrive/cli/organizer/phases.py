@@ -194,8 +194,8 @@ def reveal(
     options.require_one_of("--what", what, REVEALED)
     if what == "board" and organizer.phase(phase_id)["policy"]["frozen_scores"] == "hidden":
         say(
-            "Once the deadline of the phase has passed, later ones of single teams end with this "
-            f"reveal: {organizer.server}/organize/phases/{phase_id}/reveal-board names them."
+            "Once the deadline of the phase has passed, it moves no more after this reveal, and later ones "
+            f"of single teams end: {organizer.server}/organize/phases/{phase_id}/reveal-board names any."
         )
     if what != "split":  # which a run shows, and can take back
         be_sure(f"Reveal the {what} of {phase_id} for good?", yes)

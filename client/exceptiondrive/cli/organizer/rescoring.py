@@ -258,10 +258,7 @@ def _sample_size(sample: str) -> int | None:
 
 def run_lines(run: Record) -> list[RenderableType]:
     """Return state, progress, changes and blockers of a run."""
-    head = (
-        f"run {run['id']}  {run['state']}  phase {run['phase']}  "
-        f"{run['from_protocol']['version']} -> {run['to_protocol']['version']}"
-    )
+    head = f"run {run['id']}  {run['state']}  phase {run['phase']}  {' -> '.join(_sides(run))}"
     lines: list[RenderableType] = [
         head,
         f"  {progress_line(run)}",
@@ -273,6 +270,15 @@ def run_lines(run: Record) -> list[RenderableType]:
     if run["state"] not in _ENDED:
         lines += [f"  ! {blocker}" for blocker in run["blockers"]]
     return lines
+
+
+def _sides(changed: Record) -> tuple[str, str]:
+    """Return versions of the protocol from and to, or where one stays and another split counts, revisions."""
+    old, new = ((changed[f"{end}_protocol"], changed[f"{end}_split"]) for end in ("from", "to"))
+    if old[0] != new[0] or old[1] == new[1]:
+        return old[0]["version"], new[0]["version"]
+    before, after = (side[1]["revision"].removeprefix("sha256:")[:12] for side in (old, new))
+    return before, after
 
 
 def progress_line(run: Record) -> str:
@@ -314,8 +320,7 @@ def runs_table(runs: list[Record]) -> FittedTable:
             run["id"],
             run["phase"],
             run["state"],
-            run["from_protocol"]["version"],
-            run["to_protocol"]["version"],
+            *_sides(run),
             f"{progress['done']}/{progress['total']}",
             utc_text(run["created_at"]),
             run["reason"],
@@ -328,7 +333,7 @@ def preview_lines(preview: Record) -> Iterator[RenderableType]:
     comparison = preview["comparison"]
     stale = "  STALE: something has changed since" if preview["is_stale"] else ""
     head = (
-        f"{comparison['from_protocol']['version']} -> {comparison['to_protocol']['version']}, "
+        f"{' -> '.join(_sides(comparison))}, "
         f"board {comparison['old_board']} -> {comparison['new_board']}: "
         f"{comparison['n_entries']} entries, {comparison['n_numbers_changed']} with new numbers, "
         f"{comparison['n_ranks_changed']} with a new rank, "

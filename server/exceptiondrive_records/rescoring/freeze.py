@@ -1,0 +1,69 @@
+"""The end of a freeze, and of what a reveal ends; teams are told of both."""
+
+from collections.abc import Iterable
+from datetime import datetime
+
+from sqlalchemy import exists, select
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.audit.log import audit
+from exceptiondrive_records.boards.boards import current_board
+from exceptiondrive_records.db.identifiers import checked_reason
+from exceptiondrive_records.notifications.inbox import tell_team
+from exceptiondrive_records.phases.allowances import allowance_of, is_revealed
+from exceptiondrive_records.phases.policy import own_deadline
+from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
+from exceptiondrive_records.teams.tables import Team
+from exceptiondrive_records.teams.teams import teams_that_read
+
+
+def end_freeze(session: Session, phase: Phase, now: datetime, *, reason: str, actor: str) -> None:
+    """Let boards of a frozen phase be shown again, and tell its teams of scores that were kept back."""
+    since = Submission.received_at >= phase.policy.freezes_at
+    kept_back = exists(ScoreSheetRow).where(
+        ScoreSheetRow.submission_id == Submission.id, Submission.phase_id == phase.id, since
+    )
+    phase.unfrozen_at = now
+    shown = current_board(session, phase.id)
+    detail = {"reason": checked_reason(reason), "board": None if shown is None else shown.number}
+    audit(session, actor, "freeze ended", phase.id, detail)
+    if phase.policy.frozen_scores == "hidden" and session.scalar(select(kept_back)):
+        title = f"The board of {phase.title} is revealed"
+        tell_teams(session, phase, title, "Scores that were kept back are shown.")
+
+
+def tell_teams(session: Session, phase: Phase, title: str, sentence: str) -> None:
+    """Tell the teams that submitted to a phase; of a hidden one nothing is told.
+
+    One whose own later deadline still holds is told that, too.
+    """
+    if phase.visibility == "hidden":
+        return
+    has_ended = is_revealed(session, phase)
+    for team in teams_that_read(session, phase.id):
+        own = None if has_ended else allowance_of(session, team.id, phase.id)
+        until = own and own_deadline(phase, own.closes_at)
+        words = f"Your team's own deadline is still {until:%Y-%m-%d %H:%M} UTC." if until else None
+        sentences = tuple(filter(None, (sentence, words)))
+        tell_team(session, team, "phase_changed", title, sentences, phase=phase.id)
+
+
+def tell_of_ended_deadlines(
+    session: Session, phase: Phase, running: Iterable[tuple[Team, datetime]]
+) -> None:
+    """Tell teams whose own later deadline ran until a reveal that it has ended.
+
+    Args:
+        session: Of the write transaction that reveals.
+        phase: Of the teams; of a hidden one nothing is told.
+        running: What ran before (`running_deadlines`).
+    """
+    if phase.visibility == "hidden" or not is_revealed(session, phase):
+        return
+    for team, until in running:
+        title = f"Your team's own deadline in {phase.title} has ended"
+        sentence = (
+            f"It was {until:%Y-%m-%d %H:%M} UTC, and ended as what had been kept back was revealed."
+        )
+        tell_team(session, team, "allowance", title, (sentence,), phase=phase.id)
