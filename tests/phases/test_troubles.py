@@ -203,6 +203,12 @@ def test_a_phase_on_a_split_without_recorded_drives_says_so_to_both_sides(
     page = html.unescape(organizer.get("/organize/phases/plain").text)
     assert "exceptiondrive-worker add-drives" in page
     assert "no_recorded_drive" in organizer.get("/organize/phases").text
+    with life.database.read() as session:
+        (found,) = [one for one in troubles(session) if one.code == "no_recorded_drives"]
+    assert found.subject == "plain"
+    assert found.what.startswith(
+        "Split plain of phases Test (plain), Test (beside) holds no recorded drives"
+    )
     assert life.make_phase("letters", split="plain", challenge="strategy")["not_checked"] == []
 
 

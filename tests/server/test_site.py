@@ -1,5 +1,6 @@
 """The links that organizers set, on every page; and the public status."""
 
+import html
 import re
 from datetime import date, timedelta
 from typing import TYPE_CHECKING, Any
@@ -210,7 +211,9 @@ def test_the_status_tells_how_the_days_went(api: "Api", browser: "TeamBrowser") 
     assert {day["day"] for day in days} <= {str(today), str(today - timedelta(days=1))}
     assert max(day["longest_wait_s"] for day in days) == pytest.approx(900)
     assert sum(day["n_failed"] for day in days) == 0
-    assert "15 minutes" in browser.get("/status").text
+    page = html.unescape(browser.get("/status").text)
+    assert "15 minutes" in page
+    assert "Failed by our own fault, or beyond a split's limit" in page
 
 
 def test_what_came_weeks_ago_and_is_tried_again_today_is_no_day_of_this_week(api: "Api") -> None:

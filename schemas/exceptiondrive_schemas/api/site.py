@@ -52,7 +52,7 @@ class ScoringDay(Document):
     longest_wait_s: float | None
     """From an upload until its scoring began; None where nothing was scored."""
     n_failed: int
-    """Submissions that failed by our own fault."""
+    """Submissions that failed: by our own fault, or beyond what a withheld split allows a day."""
 
 
 class ServiceStatus(Document):

@@ -3,7 +3,7 @@
 Each is found by few queries; none tells anything of a split but its name and revision.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import timedelta
 
@@ -56,7 +56,7 @@ def troubles(session: Session) -> tuple[Trouble, ...]:
         *_splits(session),
         *_reconciler(session),
         *_boards(session),
-        *_phases(session),
+        *_phases(session, list_phases(session, with_hidden=True)),
         *_mail(session),
         *_store(session),
         *_backup(session),
@@ -65,10 +65,10 @@ def troubles(session: Session) -> tuple[Trouble, ...]:
 
 def troubles_of(session: Session, phase: Phase) -> tuple[Trouble, ...]:
     """Return those of a phase and of its split. Another phase may have the name of the split."""
-    of_phases = (*_boards(session), *_phases(session))
     return (
         *(one for one in _splits(session) if one.subject.split("@")[0] == phase.split_name),
-        *(one for one in of_phases if one.subject == phase.id),
+        *(one for one in _boards(session) if one.subject == phase.id),
+        *_phases(session, [phase]),
     )
 
 
@@ -143,20 +143,14 @@ def _boards(session: Session) -> Iterator[Trouble]:
         )
 
 
-def _phases(session: Session) -> Iterator[Trouble]:
-    for phase in list_phases(session, with_hidden=True):
+def _phases(session: Session, phases: Sequence[Phase]) -> Iterator[Trouble]:
+    without_drives: dict[str, list[str]] = {}
+    for phase in phases:
         if phase.visibility == "archived":
             continue
         whole = whole_split(session, phase.split_name, phase.split_revision)
         if not_checked(phase.challenge, whole):
-            yield Trouble(
-                "no_recorded_drives",
-                phase.id,
-                f"Split {phase.split_name} of phase {phase.title} ({phase.id}) holds no recorded drives: nothing "
-                "compares source trajectories with them, and a file at a wrong time step may lead.",
-                "add them (exceptiondrive-worker add-drives, then add-split), and rescore: "
-                "docs/organizing.md",
-            )
+            without_drives.setdefault(whole.name, []).append(f"{phase.title} ({phase.id})")
         if phase.shows_reported and whole.public_file_digest is None:
             yield Trouble(
                 "reported_beside_other_split",
@@ -165,6 +159,14 @@ def _phases(session: Session) -> Iterator[Trouble]:
                 f"not of split {phase.split_name}.",
                 f"exceptiondrive organizer phases update {phase.id} --no-shows-reported",
             )
+    for split, names in without_drives.items():
+        yield Trouble(
+            "no_recorded_drives",
+            split,
+            f"Split {split} of {'phase' if len(names) == 1 else 'phases'} {', '.join(names)} holds no recorded "
+            "drives: nothing compares source trajectories with them, and a file at a wrong time step may lead.",
+            "add them (exceptiondrive-worker add-drives, then add-split), and rescore: docs/organizing.md",
+        )
 
 
 def _mail(session: Session) -> Iterator[Trouble]:

@@ -37,7 +37,7 @@ TROUBLE_LINKS = {
     "split_without_file": ("/organize/phases#splits", "See the splits"),
     "no_reconciler": ("#queue", "See the queue"),
     "board_not_built": ("/organize/phases/{}", "See the phase"),
-    "no_recorded_drives": ("/organize/phases/{}#troubles", "What to do"),
+    "no_recorded_drives": ("/organize/phases#splits", "See the splits"),
     "reported_beside_other_split": ("/organize/phases/{}#troubles", "What to do"),
     "mail_not_sent": ("/organize/teams", "See the teams"),
     "backup_failed": ("/organize/audit?subject={}", "See the audit log"),

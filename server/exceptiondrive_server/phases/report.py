@@ -125,7 +125,7 @@ def board_before_reveal(session: Session, phase: Phase, final: BoardRow) -> Boar
     ended = AuditLine.subject == phase.id, AuditLine.action == "freeze ended"
     after = select(AuditLine).where(*ended, AuditLine.at >= phase.closes_at)
     line = session.scalars(after.order_by(AuditLine.id).limit(1)).first()
-    number = None if line is None else line.detail["board"]
+    number = None if line is None else line.detail.get("board")
     return None if number in (None, final.number) else find_board(session, phase.id, number)
 
 

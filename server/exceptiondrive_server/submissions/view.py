@@ -25,7 +25,8 @@ _MEANING = {
     SubmissionStatus.SCORING: "A worker is scoring it.",
     SubmissionStatus.SCORED: "Every sample has been scored.",
     SubmissionStatus.REJECTED: "The file is wrong. It cost no quota; all faults are listed below.",
-    SubmissionStatus.FAILED: "We could not score it. It cost no quota; organizers have been told.",
+    SubmissionStatus.FAILED: "We could not score it. It cost no quota, but counts among the day's files without a score; "
+    "organizers have been told.",
     SubmissionStatus.WITHDRAWN: "Withdrawn. It stands on no board.",
 }
 STEPS = (

@@ -151,8 +151,8 @@ PROBLEMS: Mapping[ProblemCode, ProblemKind] = {
         "day is capped.",
         (
             (
-                "Check files on your own machine first: `exceptiondrive check FILE --phase PHASE` finds "
-                "the same faults."
+                "Where files were rejected: `exceptiondrive check FILE --phase PHASE` finds "
+                "the same faults on your own machine. What could not be scored may be sent again as it is."
             ),
             "Submit again after 00:00 UTC.",
         ),

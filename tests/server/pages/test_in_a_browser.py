@@ -175,6 +175,18 @@ def test_with_script_all_rows_are_searched_while_typing(visit: Visit) -> None:
     assert visit.complaints == []
 
 
+def test_back_after_a_search_leads_to_the_whole_list(visit: Visit) -> None:
+    page = visit.open("/?phase=long&rows=20")
+    page.locator("input[name=q]").press_sequentially("planner 7", delay=200)
+    expect(page.locator("#found")).to_contain_text("found for \u201cplanner 7\u201d.")
+    page.keyboard.press("Enter")
+    expect(page.locator("#found")).to_contain_text("found for \u201cplanner 7\u201d.")
+    page.go_back()
+    expect(page.locator("#found")).to_be_empty()
+    expect(page.locator("#board-rows tr[id^='e-']")).to_have_count(20)
+    assert page.url.endswith("/?phase=long&rows=20")
+
+
 def test_sorting_by_keyboard_keeps_the_focus_on_its_head(visit: Visit) -> None:
     page = visit.open("/?phase=long")
     for order in ("ascending", "descending"):
@@ -559,13 +571,13 @@ def test_a_tap_anywhere_but_on_a_link_opens_a_row_of_a_phone(visit: Visit, part:
 @pytest.mark.parametrize(
     ("path", "leading", "others"),
     [
-        ("/", "HCC", ["UR", "HPR", "CTS", "CTSx", "CTSy"]),
-        ("/?sort=ur", "UR", ["HCC", "HPR", "CTS", "CTSx", "CTSy"]),
-        ("/?sort=-date", "HCC", ["UR", "HPR", "CTS", "CTSx", "CTSy"]),
+        ("/", "HCC %", ["UR %", "HPR %", "CTS m", "CTSx m", "CTSy m"]),
+        ("/?sort=ur", "UR %", ["HCC %", "HPR %", "CTS m", "CTSx m", "CTSy m"]),
+        ("/?sort=-date", "HCC %", ["UR %", "HPR %", "CTS m", "CTSx m", "CTSy m"]),
         (
             "/?phase=strategy&sort=-missing",
-            "Missing",
-            ["Accuracy", "Under-warning", "Over-warning"],
+            "Missing %",
+            ["Accuracy %", "Under-warning %", "Over-warning %"],
         ),
     ],
 )

@@ -5,9 +5,11 @@ from typing import Any
 
 import pytest
 from playwright.sync_api import Browser, Page, expect
-from tests.server.pages.page_site import real_drawings
+from tests.server.pages.invented_board import MANIFEST
+from tests.server.pages.page_site import Site, real_drawings
 from tests.support.browser import Look, axe_violations, look_at
 
+from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.drawing import SampleDrawing
 
 pytestmark = pytest.mark.browser
@@ -164,6 +166,43 @@ def test_the_board_takes_the_player_when_it_comes_into_sight_and_others_join_in_
     expect(page.locator("#scenes .mo").first.locator(".mo-run")).to_have_count(2)
     assert page.url.endswith("/?phase=sample")
     assert page.locator("h1").count() == 1
+
+
+def test_scenes_that_come_later_leave_the_words_above_them(
+    visit: Any, shown_site: Site, lively_board: Board
+) -> None:
+    withheld = MANIFEST.model_copy(update={"name": "kept", "revision": "sha256:" + "7" * 64})
+    shown_site.create_phase("final", manifest=withheld)
+    leader = lively_board.entries[0].model_copy(update={"submission_id": "f0000000kq"})
+    update = {"phase": "final", "entries": (leader,), "split": withheld.ref}
+    shown_site.publish(lively_board.model_copy(update=update))
+    page = visit("/entries/f0000000kq?phase=final")
+    page.locator("#scenes").scroll_into_view_if_needed()
+    page.locator("#scenes .mo").first.wait_for()
+    assert page.inner_text("#scenes h2") == "Scenes like these"
+    assert "the planner in them is not this entry" in page.inner_text("#scenes")
+    assert page.locator("main section").last.get_attribute("id") == "scenes"
+
+
+@pytest.mark.parametrize("motion", ["no-preference", "reduce"])
+@pytest.mark.parametrize("width", [390, 1440])
+def test_a_link_past_the_scenes_stops_at_its_heading(visit: Any, width: int, motion: str) -> None:
+    look = {"viewport": {"width": width, "height": 700}, "reduced_motion": motion}
+    page = visit("/?phase=sample#families", **look)
+    stops_at(page, "families")
+    page = visit("/?phase=sample", **look)
+    page.click(".foot a[href='#about']")
+    stops_at(page, "about")
+
+
+def stops_at(page: Page, anchor: str) -> None:
+    """Wait until the page rests, scenes that come late included: the anchor stands under the header."""
+    top = f"Math.round(document.getElementById('{anchor}').getBoundingClientRect().top)"
+    seen = [None, page.evaluate(top)]
+    while seen[-1] != seen[-2] or len(seen) < 4:
+        page.wait_for_timeout(400)
+        seen.append(page.evaluate(top))
+    assert abs(seen[-1] - 76) <= 1, seen
 
 
 def test_axe_finds_nothing_and_nothing_is_too_small_or_too_wide(visit: Any) -> None:

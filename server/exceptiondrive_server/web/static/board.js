@@ -26,7 +26,7 @@
     const fresh = new DOMParser().parseFromString(await answer.text(), "text/html");
     if (mine !== asked) return;
     const to = new URL(answer.url);
-    history[isStep ? "pushState" : "replaceState"](null, "", to.pathname + to.search);
+    if (to.pathname + to.search !== shown) history[isStep ? "pushState" : "replaceState"](null, "", to.pathname + to.search);
     shown = here();
     // Of a newer board all is shown, not its rows alone.
     if (fresh.getElementById("board")?.dataset.board !== board.dataset.board) { location.reload(); return; }
@@ -65,11 +65,13 @@
   form.elements.sort.addEventListener("change", () => form.requestSubmit());
 
   // What is typed is looked for among all entries, by the server; "/" leads to the field.
-  let pause = 0;
+  // The first letters of a search are a step, so that Back leads to the list as it was; the others take their place.
+  let pause = 0, isUnderWay = false;
   form.elements.q.addEventListener("input", () => {
     clearTimeout(pause);
-    pause = setTimeout(() => show(wanted(), false), 160);
+    pause = setTimeout(() => { show(wanted(), !isUnderWay); isUnderWay = true; }, 160);
   });
+  form.elements.q.addEventListener("change", () => { isUnderWay = false; });
   document.addEventListener("keydown", (event) => {
     if (event.key !== "/" || event.target.closest("input, select, textarea")) return;
     event.preventDefault();

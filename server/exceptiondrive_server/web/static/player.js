@@ -121,35 +121,47 @@
     player.querySelector(".mo-bar").hidden = false;
   };
 
-  // the section of another page in the place of this one, so that nothing is drawn twice
-  const fill = async (address) => {
+  const scenesOf = async (address) => {
     const answer = await fetch(address, { headers: { Accept: "text/html" } }).catch(() => null);
-    if (!answer?.ok) return;
-    const page = new DOMParser().parseFromString(await answer.text(), "text/html");
-    const [fresh, now] = [page.getElementById("scenes"), document.getElementById("scenes")];
+    if (!answer?.ok) return null;
+    return new DOMParser().parseFromString(await answer.text(), "text/html").getElementById("motion");
+  };
+  // the scenes of another page in the place of these; the words above them stay
+  const place = (fresh) => {
+    const now = document.getElementById("motion");
     if (!fresh || !now) return;
-    const held = now.contains(document.activeElement) ? document.activeElement.getAttribute("name") ?? "" : null;
+    const isHeld = now.contains(document.activeElement);
     now.replaceWith(document.adoptNode(fresh));
     begin();
-    if (held !== null) fresh.querySelector("form button")?.focus({ preventScroll: true });
+    if (isHeld) fresh.querySelector("form button")?.focus({ preventScroll: true });
   };
 
   const begin = () => {
     document.querySelectorAll(".player").forEach(start);
     const form = document.querySelector(".mo-form");
-    form?.addEventListener("submit", (event) => {
+    form?.addEventListener("submit", async (event) => {
       event.preventDefault();
-      fill(`/scenes?${new URLSearchParams(new FormData(form))}`);
+      place(await scenesOf(`/scenes?${new URLSearchParams(new FormData(form))}`));
     });
   };
   begin();
   const waiting = document.querySelector("[data-scenes]");
-  if (waiting) {
-    const near = new IntersectionObserver((seen) => {
-      if (!seen.some((each) => each.isIntersecting)) return;
-      near.disconnect();
-      fill(waiting.dataset.scenes);
-    }, { rootMargin: "400px" });
-    near.observe(waiting);
-  }
+  if (!waiting) return;
+  // What grows while the page scrolls moves the place that a link leads to: so not on the way, nor above what is read.
+  let pause = 0, fresh;
+  const rest = () => { clearTimeout(pause); pause = setTimeout(look, 150); };
+  const look = async () => {
+    const { top, bottom } = waiting.getBoundingClientRect();
+    if (bottom < 76 || top > innerHeight + 400) return;
+    if (fresh === undefined) {
+      fresh = null;
+      fresh = await scenesOf(waiting.dataset.scenes);
+      rest();
+    } else if (fresh) {
+      ["scroll", "resize"].forEach((name) => removeEventListener(name, rest));
+      place(fresh);
+    }
+  };
+  ["scroll", "resize"].forEach((name) => addEventListener(name, rest, { passive: true }));
+  rest();
 })();
