@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from playwright.sync_api import Browser, Page, ViewportSize, expect
+from playwright.sync_api import Browser, Page, Route, ViewportSize, expect
 from tests.server.pages.page_site import Site
 from tests.support.browser import Look, axe_violations, look_at
 
@@ -183,6 +183,20 @@ def test_back_after_a_search_leads_to_the_whole_list(visit: Visit) -> None:
     expect(page.locator("#found")).to_contain_text("found for \u201cplanner 7\u201d.")
     page.go_back()
     expect(page.locator("#found")).to_be_empty()
+    expect(page.locator("#board-rows tr[id^='e-']")).to_have_count(20)
+    assert page.url.endswith("/?phase=long&rows=20")
+
+
+def test_back_leads_to_the_whole_list_where_answers_come_after_more_was_typed(visit: Visit) -> None:
+    page = visit.open("/?phase=long&rows=20")
+    held: list[Route] = []
+    page.route("**/?**q=p&**", lambda route: held.append(route))
+    with page.expect_request("**/?**q=p&**"):
+        page.locator("input[name=q]").press_sequentially("p")
+    page.locator("input[name=q]").press_sequentially("lanner 7")
+    expect(page.locator("#found")).to_contain_text("found for \u201cplanner 7\u201d.")
+    held[0].abort()
+    page.go_back()
     expect(page.locator("#board-rows tr[id^='e-']")).to_have_count(20)
     assert page.url.endswith("/?phase=long&rows=20")
 
