@@ -179,7 +179,7 @@ def _funnel(workshop: Workshop, candidates: Mapping[str, Candidate]) -> tuple[Li
 
 
 def _rejections(candidate: Candidate, limits: VerifySection) -> Iterator[str]:
-    """Codes why an edit is rejected: of the review, `inspected:<mark>`, `region:<what was checked>`."""
+    """Codes why an edit is rejected: of the review; of people `inspected:<mark>`, `region:<which of the four>`."""
     yield from candidate.review_faults
     if candidate.inspected is not None and not candidate.inspected.passed:
         yield f"inspected:{candidate.inspected.reason or NO_REASON}"
