@@ -99,7 +99,10 @@ def test_a_frozen_board_stays_while_scoring_goes_on(life: "Life", scores: str) -
     assert (live["is_public"], live["names"][late]) == (False, ["Beta Labs", "Secret"])
     for path in ("/phases/test", "/?phase=test"):
         words = " ".join(life.get(path).text.split())
-        assert "What is scored since is shown when the organizers reveal the board, for" in words
+        assert (
+            "What is scored from then on is shown when the organizers reveal the board, for"
+            in words
+        )
     life.done("/phases/test/reveal", {"what": "board", "reason": "ceremony"})
     assert set(life.entry_ids()) == {early, late}
     assert life.json("/api/v1/phases/test")["now"]["frozen_since"] is None

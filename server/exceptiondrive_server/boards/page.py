@@ -497,8 +497,8 @@ def _late(board: Board, has_late_view: bool) -> Iterator[Notice]:
 def _kept_back(board: Board, now: PhaseNow) -> Iterator[Notice]:
     if now.frozen_since is not None:
         words = (
-            f"The board is frozen since {minute(now.frozen_since)}. What is scored since is shown when "
-            "the organizers reveal the board, for which there is no date."
+            f"The board is frozen since {minute(now.frozen_since)}. What is scored from then on is shown "
+            "when the organizers reveal the board, for which there is no date."
         )
         yield Notice(words, "", "")
     if board.part == "public":

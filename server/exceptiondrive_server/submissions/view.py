@@ -121,8 +121,8 @@ def policy_sentences(
         since = minute(seen.score_kept_back_since)
         yield (
             f"It is scored. The board is frozen since {since}, and scores of what came later are kept "
-            "back, so that all see at once how the phase ends: this one is shown here when the "
-            "organizers reveal the board, for which there is no date."
+            "back: this one is shown here when the organizers reveal the board, for which there is no "
+            "date."
         )
     elif seen.status is SubmissionStatus.SCORED and seen.sheet is None:
         yield (
