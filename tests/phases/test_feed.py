@@ -195,3 +195,19 @@ def test_that_the_leader_was_taken_off_is_told_wherever_what_changed_is(
     for told in (newest, history.one("ol", "led")):
         assert ("disqualified since" in told.text) is bool(note)
         assert note in told.text
+
+
+def test_what_left_is_not_counted_where_the_news_name_only_some(
+    life: "Life", monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(boards, "MAX_NEWS", 2)
+    life.make_phase(split="plain")
+    gone = [life.submit("alpha", 1.0 + step, f"Net {step}", "plain") for step in (0, 1)]
+    life.work()
+    for submission in gone:
+        life.done(f"/submissions/{submission}/disqualify", {"reason": "copied"})
+    life.submit("beta", 0.5, "New", "plain")
+    life.work()
+    assert "<title>Board 2 of Test: 1 newly ranked (New to rank 1)</title>" in (
+        life.get("/feed.atom?phase=test").text
+    )

@@ -346,9 +346,9 @@ def _first_flip(row: BoardRow) -> ScalarSelect[int]:
 
 
 def _left(session: Session, row: BoardRow) -> tuple[EntryNews, ...]:
-    """What ranked on the board before this one, and is not on it, as far as its news name them."""
+    """What ranked on the board before this one, and is not on it; none where its news do not name all."""
     news = session.scalar(select(BoardFlip.news).where(BoardFlip.id == _first_flip(row)))
-    entries = news.entries if news else ()
+    entries = news.entries if news and not news.n_more else ()
     return tuple([each for each in entries if each.has_left and each.rank is not None])
 
 
