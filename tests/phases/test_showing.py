@@ -266,15 +266,19 @@ def test_what_cites_the_late_view_leads_to_it_and_marks_who_is_late(life: "Life"
     submit(life, "alpha", 3.0, "In time")
     life.move(closes_at=life.now())
     late = submit(life, "beta", 1.0, "Behind")
-    csv, tex, bib = (
-        life.get(f"/export/board.{form}?phase=test&view=late").text
+    files = {
+        form: life.get(f"/export/board.{form}?phase=test&view=late")
         for form in ("csv", "tex", "bib")
-    )
+    }
+    for form, file in files.items():
+        assert f'"exceptiondrive-test-late-view.{form}"' in file.headers["Content-Disposition"]
+    csv, tex, bib = (file.text for file in files.values())
     cited = html.unescape(life.get(f"/entries/{late}").text)
     for text in (csv, tex, bib, cited[cited.index("@misc") :]):
         named = set(re.findall(r"https?://[^/]+(/\?phase=test[^\s,}]*)", text))
         assert named == {"/?phase=test&view=late"}
     assert "phase test, late view" in bib
+    assert "@misc{exceptiondrive-test-late-view," in bib
     are_late = [row["method"] for row in DictReader(StringIO(csv)) if row["is_late"] == "True"]
     assert are_late == ["Behind"]
     assert "Behind} (late) &" in tex

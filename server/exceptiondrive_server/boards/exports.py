@@ -68,8 +68,11 @@ def permalink(board: Board, site_url: str) -> str:
 
 def named(board: Board, form: str) -> dict[str, str]:
     """Return the header that names the file of a board."""
-    name = f"exceptiondrive-{board.phase}-board-{board.board}.{form}"
-    return {"Content-Disposition": f'attachment; filename="{name}"'}
+    return {"Content-Disposition": f'attachment; filename="{_key(board)}.{form}"'}
+
+
+def _key(board: Board) -> str:
+    return f"exceptiondrive-{board.phase}-{board_name(board).lower().replace(' ', '-')}"
 
 
 def tex_escape(text: str) -> str:
@@ -146,7 +149,7 @@ def bibtex(
     at = board.published_at
     return (
         f"{(citation or PAPER.replace('SITE', site_url)).strip()}\n\n"
-        f"@misc{{exceptiondrive-{board.phase}-board-{board.board},\n"
+        f"@misc{{{_key(board)},\n"
         f"  title        = {{{{ExceptionDrive leaderboard, phase {board.phase}, "
         f"{board_name(board).lower()}}}}},\n"
         f"  year         = {{{at.year}}},\n"
