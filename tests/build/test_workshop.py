@@ -47,7 +47,9 @@ def test_a_workshop_in_a_folder_that_others_may_enter_shows_them_no_file(tmp_pat
     tmp_path.chmod(0o755)
     build = [sys.executable, "-c", "from exceptiondrive_build.cli import main; main()"]
     for command in (["new", ".", "--name", "made-2027"], ["report"]):
-        subprocess.run([*build, *command], cwd=tmp_path, capture_output=True, check=True, umask=0o022)
+        subprocess.run(
+            [*build, *command], cwd=tmp_path, capture_output=True, check=True, umask=0o022
+        )
     assert (tmp_path / "records.sqlite3").exists()
     assert {path.name for path in tmp_path.rglob("*") if path.stat().st_mode & 0o077} == set()
 

@@ -68,7 +68,7 @@ def foreseen(arrays: SplitArrays, row: int, known: Known) -> FloatArray:
 
 def _rectangle(region: FloatArray) -> FloatArray:
     """The least rectangle (5,) about a region (4, 2), with a heading of at most an eighth of a turn."""
-    box = shapely.Polygon(region).minimum_rotated_rectangle
+    box: Any = shapely.Polygon(region).minimum_rotated_rectangle
     corners = np.array(box.exterior.coords)
     sides = np.diff(corners, axis=0)[:2]
     length, width = sides if abs(sides[0, 0]) > abs(sides[0, 1]) else sides[::-1]
