@@ -202,22 +202,40 @@ def test_every_earlier_board_keeps_its_address(world: World) -> None:
         assert at_first is None
 
 
-def test_a_board_under_another_protocol_is_kept_but_not_shown(world: World) -> None:
-    first = world.publish(world.board("a"))
-    with world.database.write() as session:  # a draft protocol is scored in the background
+def add_other_protocol(world: World) -> None:
+    with world.database.write() as session:
         session.execute(
             text("INSERT INTO protocols VALUES (:digest, '9.9', '', CURRENT_TIMESTAMP)"),
             {"digest": OTHER},
         )
+
+
+def drafted(world: World, board: Board) -> BoardRow:
+    """Build a board of a draft protocol, which is scored in the background."""
+    with world.database.write() as session:
         want_board(session, "dev", OTHER)
     with world.database.write() as session:
         claim = claim_board_of(session, "dev", OTHER)
         assert claim is not None
-        draft = boards.publish_board(session, claim, world.board("b"))
+        draft = boards.publish_board(session, claim, board)
+    assert draft is not None
+    return draft
+
+
+def test_numbers_of_public_boards_do_not_tell_whether_a_draft_changed(world: World) -> None:
+    add_other_protocol(world)
+    numbers = [drafted(world, world.board(name)).number for name in ("a", "a", "b")]
+    assert numbers == [1, 2, 3]
+    assert world.publish(world.board("a")).number == 4
+
+
+def test_a_board_under_another_protocol_is_kept_but_not_shown(world: World) -> None:
+    first = world.publish(world.board("a"))
+    add_other_protocol(world)
+    draft = drafted(world, world.board("b"))
     with world.database.read() as session:
         current = boards.current_board(session, "dev")
         assert current is not None
-        assert draft is not None
         assert current.id == first.id
         newest = boards.latest_board(session, "dev", ScoringKey(OTHER, current.split_revision))
         assert newest is not None

@@ -395,6 +395,24 @@ def test_what_is_asked_first_waits_for_the_word_of_its_team(
     assert f'<a href="{counted}">another one</a> is in its' in alpha.get("/my").text
 
 
+def test_what_would_replace_another_entry_by_now_is_asked_anew(
+    api: "Api", alpha: "TeamBrowser"
+) -> None:
+    """As after a merge of teams, or a run that was scored meanwhile."""
+    standing = api.submit("a").json()["id"]
+    api.score(standing)
+    address = alpha.submit("b", asks_first="true").headers["location"]
+    asked_id = address.rpartition("/")[2]
+    asked = 'It replaces 8b7jazz0gvrkppag (HCC 26.68, rank 2) of "Planner".'
+    api.reject(asked_id, REPORT.model_copy(update={"faults": (), "to_confirm": (asked,)}))
+    told = api.post(f"{address}/confirm", "alpha").json()
+    assert (told["id"], told["status"]) == (asked_id, "rejected")
+    (question,) = told["report"]["to_confirm"]
+    assert question.startswith(f"It replaces {standing} (HCC ")
+    assert f'<a href="/submissions/{standing}">' in alpha.get(address).text
+    assert api.post(f"{address}/confirm", "alpha").json()["id"] != asked_id
+
+
 def test_what_is_asked_tells_a_token_that_may_only_submit_no_score(
     api: "Api", alpha: "TeamBrowser"
 ) -> None:

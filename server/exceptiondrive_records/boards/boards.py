@@ -34,6 +34,7 @@ from exceptiondrive_schemas.method_facts import Links
 _Named = TypeVar("_Named", BoardEntry, BoardLeader, EntryNews, EntryChange)
 BOARD_LINES = ("board published", "board built")
 """What the audit log says of a new board: readers see it, or it is kept back."""
+_A_DRAFT = "it is a draft"
 MAX_NEWS = 20
 """Of a board that changes more, as by a new part of the split, the others are counted."""
 
@@ -45,7 +46,7 @@ def publish_board(
 
     Number and date are given here; what may not be shown yet is left out here, so that it is in
     nothing that is served. A board that says what the latest one of this protocol says is not
-    appended again. While the phase is frozen its pointers stay.
+    appended again, unless nobody saw that: numbers of public boards would tell whether a draft changed. While the phase is frozen its pointers stay.
 
     Returns:
         The row that holds the board; None when the lease was lost and nothing was recorded.
@@ -72,7 +73,7 @@ def _kept_back(phase: Phase, request: BoardRequest, now: datetime) -> str:
     """Say why readers do not see a board as soon as it is built; nothing where they do."""
     shown = (phase.protocol_digest, phase.split_revision)
     if shown != (request.protocol_digest, request.split_revision):
-        return "it is a draft"
+        return _A_DRAFT
     return "the board is frozen" if frozen_since(phase, now) is not None else ""
 
 
@@ -82,7 +83,8 @@ def _kept_or_appended(
     key = ScoringKey(request.protocol_digest, request.split_revision)
     row = latest_board(session, request.phase_id, key, view)
     digest = board.content_digest
-    if row is not None and row.digest == digest:
+    is_unseen = kept_back == _A_DRAFT and row is not None and is_draft(session, row)
+    if row is not None and row.digest == digest and not is_unseen:
         return row
     return _append(session, request, board, digest, view, kept_back)
 
