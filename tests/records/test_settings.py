@@ -73,7 +73,7 @@ def test_a_misspelt_variable_is_not_ignored(monkeypatch: pytest.MonkeyPatch) -> 
 
 
 def test_variables_of_other_parts_are_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in ("TOKEN", "SERVER", "PRIVATE_DIR", "MAX_UPLOAD_BYTES", "MAX_INFLATED_BYTES"):
+    for name in ("TOKEN", "SERVER", "PRIVATE_DIR", "MAX_UPLOAD_BYTES"):
         monkeypatch.setenv(f"EXCEPTIONDRIVE_{name}", "x")
     assert load_settings(RecordsSettings).max_attempts == 4
 

@@ -54,7 +54,7 @@ def _verify(context: WorkerContext, item: Recheck) -> None:
     split = context.splits.find(phase.split_name, run.to_split_revision, protocol)
     target = Target(submission.file_digest, challenge, split, protocol, read_under)
     with tempfile.TemporaryDirectory(prefix=VERIFY_PREFIX, dir=context.private.root) as folder:
-        stages = stages_over(context.settings, context.files, PrivateStore(Path(folder)))
+        stages = stages_over(context.files, PrivateStore(Path(folder)))
         try:
             scored = stages.score(target)
         except RejectedUpload:
