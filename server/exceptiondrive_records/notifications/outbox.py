@@ -115,7 +115,6 @@ def _send(delivery: Delivery, contact: ContactPoint, body: str, settings: Notice
         contact.secret or "",
         body.encode("utf-8"),
         int(delivery.leased_at.timestamp()),
-        may_be_private=settings.webhooks_may_be_private,
     )
 
 

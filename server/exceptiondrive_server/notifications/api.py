@@ -136,7 +136,6 @@ def post_contact(
             wanted.address,
             actor=submitter.actor,
             wishes=wanted.wishes,
-            may_be_private=services.settings.webhooks_may_be_private,
         )
         secret = contact.secret if contact.channel is Channel.WEBHOOK else None
         return _view(contact).model_copy(update={"secret": secret})

@@ -50,8 +50,6 @@ class ServerSettings(RecordsSettings):
     """How long a cache may serve a board without asking again."""
     events_every_s: Annotated[float, Field(gt=0, le=60)] = 0.5
     """How often a followed submission is looked at."""
-    webhooks_may_be_private: bool = False
-    """Takes webhooks to this very machine, over http: for tests alone."""
     events_longest_s: Annotated[float, Field(gt=0, le=3600)] = 300.0
     """After this a follower connects again."""
 
