@@ -16,7 +16,14 @@ from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.work.board_requests import want_board
 from exceptiondrive_records.work.fair_share import fair_order, waits
-from exceptiondrive_records.work.lease import claim, finish, give_up, new_item, try_later
+from exceptiondrive_records.work.lease import (
+    claim,
+    finish,
+    give_up,
+    new_item,
+    try_later,
+    wait_before_next_s,
+)
 from exceptiondrive_records.work.tables import Job, WorkState
 from exceptiondrive_schemas.api.submission import WAITING, SubmissionStatus
 from exceptiondrive_schemas.faults import CheckReport
@@ -185,7 +192,7 @@ def finish_failed(
     """
     detail = {"code": code, "attempt": job.attempts}
     if retry and not (counts and job.attempts >= max_attempts):
-        wait_s = backoff_s * 2 ** (job.attempts - 1)
+        wait_s = wait_before_next_s(job, backoff_s)
         if not try_later(session, job, wait_s, counts=counts, note=code):
             return Finish.LEASE_LOST
         if job.is_first:
