@@ -44,6 +44,11 @@ from exceptiondrive_worker.splits.floors_held import (
 from exceptiondrive_worker.splits.store import SplitUnavailableError
 from exceptiondrive_worker.stages import RejectedUpload, Target
 
+_AWAY: dict[type[Exception], str] = {
+    FloorsUnreadableError: "floors unreadable",
+    Conflict: "protocol refused",
+    SplitUnavailableError: "split unavailable",
+}
 _CANNOT_LOAD = (ArithmeticError, LookupError, MemoryError, OSError, TypeError, ValueError)
 """One split that trips the loader must not keep the jobs of all others waiting."""
 MAX_LOOKED_AT = 200
@@ -109,14 +114,9 @@ def _is_here(context: WorkerContext, session: Session, name: str, key: ScoringKe
         protocol = find_protocol(session, key.protocol_digest)
         context.splits.floors(name)
         context.splits.find(name, key.split_revision, protocol)
-    except FloorsUnreadableError as error:
-        _log.error("floors unreadable: its jobs stay queued", **ids, reason=str(error))
-        return False
-    except Conflict as error:
-        _log.error("protocol refused: its jobs stay queued", **ids, reason=str(error))
-        return False
-    except SplitUnavailableError as error:
-        _log.error("split unavailable: its jobs stay queued", **ids, reason=str(error))
+    except tuple(_AWAY) as error:
+        what = _AWAY[type(error)]
+        _log.error(f"{what}: its jobs stay queued", **ids, reason=str(error))
         return False
     except SplitRefusedError as error:
         _log.error("split refused", **ids, reason=str(error))
