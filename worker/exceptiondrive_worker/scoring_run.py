@@ -148,8 +148,8 @@ def _score(context: WorkerContext, job: Job) -> None:
         scored = context.stages.score(target)
     except RejectedUpload as rejected:
         with context.database.write() as session:
-            outcome = finish_rejected(session, job, rejected.report)
-        _log.info("rejected", **_ids(job), outcome=outcome.value)
+            is_recorded = finish_rejected(session, job, rejected.report)
+        _log.info("rejected", **_ids(job), is_recorded=is_recorded)
         return
     published = Rounding.of(target, is_public=is_public).sheet(scored.sheet)
     with (
@@ -159,7 +159,7 @@ def _score(context: WorkerContext, job: Job) -> None:
         if not is_public:
             floors = context.splits.floors(ref.name)
             hold_floors_again(session, floors, ref, protocol, newcomer)
-        outcome = finish_scored(
+        is_recorded = finish_scored(
             session,
             job,
             published,
@@ -167,7 +167,7 @@ def _score(context: WorkerContext, job: Job) -> None:
             measurement_key=scored.measurement_key,
             scorer_version=SCORER_VERSION,
         )
-    _log.info("scored", **_ids(job), outcome=outcome.value)
+    _log.info("scored", **_ids(job), is_recorded=is_recorded)
 
 
 def _require_nothing_to_ask(context: WorkerContext, target: Target, submission_id: str) -> None:
