@@ -41,6 +41,11 @@ from exceptiondrive_worker.splits.floors_held import (
 from exceptiondrive_worker.splits.store import SplitUnavailableError
 from exceptiondrive_worker.stages import RejectedUpload, Target
 
+_AWAY: dict[type[Exception], str] = {
+    FloorsUnreadableError: "floors unreadable",
+    Conflict: "protocol refused",
+    SplitUnavailableError: "split unavailable",
+}
 _CANNOT_LOAD = (ArithmeticError, LookupError, MemoryError, OSError, TypeError, ValueError)
 """One split that trips the loader must not keep the jobs of all others waiting."""
 _KEY = tuple_(Job.protocol_digest, Job.split_revision)
@@ -104,14 +109,9 @@ def _is_here(context: WorkerContext, session: Session, name: str, key: ScoringKe
         protocol = find_protocol(session, key.protocol_digest)
         context.splits.floors(name)
         context.splits.find(name, key.split_revision, protocol)
-    except FloorsUnreadableError as error:
-        _log.error("floors unreadable: its jobs stay queued", **ids, reason=str(error))
-        return False
-    except Conflict as error:
-        _log.error("protocol refused: its jobs stay queued", **ids, reason=str(error))
-        return False
-    except SplitUnavailableError as error:
-        _log.error("split unavailable: its jobs stay queued", **ids, reason=str(error))
+    except tuple(_AWAY) as error:
+        what = _AWAY[type(error)]
+        _log.error(f"{what}: its jobs stay queued", **ids, reason=str(error))
         return False
     except SplitRefusedError as error:
         _log.error("split refused", **ids, reason=str(error))
@@ -143,8 +143,8 @@ def _score(context: WorkerContext, job: Job) -> None:
         scored = context.stages.score(target)
     except RejectedUpload as rejected:
         with context.database.write() as session:
-            outcome = finish_rejected(session, job, rejected.report)
-        _log.info("rejected", **_ids(job), outcome=outcome.value)
+            is_recorded = finish_rejected(session, job, rejected.report)
+        _log.info("rejected", **_ids(job), is_recorded=is_recorded)
         return
     published = Rounding.of(target, is_public=is_public).sheet(scored.sheet)
     with (
@@ -154,7 +154,7 @@ def _score(context: WorkerContext, job: Job) -> None:
         if not is_public:
             floors = context.splits.floors(ref.name)
             hold_floors_again(session, floors, ref, protocol, newcomer)
-        outcome = finish_scored(
+        is_recorded = finish_scored(
             session,
             job,
             published,
@@ -162,7 +162,7 @@ def _score(context: WorkerContext, job: Job) -> None:
             measurement_key=scored.measurement_key,
             scorer_version=SCORER_VERSION,
         )
-    _log.info("scored", **_ids(job), outcome=outcome.value)
+    _log.info("scored", **_ids(job), is_recorded=is_recorded)
 
 
 def _require_nothing_to_ask(context: WorkerContext, target: Target, submission_id: str) -> None:

@@ -104,26 +104,11 @@ def flip_board(
     before = session.get(BoardRow, phase.current_board_id) if phase.current_board_id else None
     phase.current_board_id = row.id
     at = at or database_now(session)
-    news = _recorded_news(phase, before, row) if before else BoardNews()
+    news = news_between(phase.challenge, before, row) if before else BoardNews()
     flip = BoardFlip(phase_id=phase.id, board_id=row.id, at=at, news=news)
     session.add(flip)
     session.flush()
     return flip
-
-
-def news_between(old: Board, board: Board) -> BoardNews:
-    """Say whose scores are new; between protocols or split revisions, nothing can be compared."""
-    if (old.protocol.digest, old.split.revision) != (board.protocol.digest, board.split.revision):
-        return BoardNews()
-    key = CHALLENGES[board.challenge].metrics[0].key
-    was, now = (
-        {
-            name: _Stood(entry.method, entry.team, entry.rank, entry.metrics.get(key))
-            for name, entry in each.entries_by_submission.items()
-        }
-        for each in (old, board)
-    )
-    return _news_of(was, now)
 
 
 class _Stood(NamedTuple):
@@ -176,16 +161,21 @@ def _runs_before(was: _Standings, now: _Standings) -> dict[str, str]:
     }
 
 
-def _recorded_news(phase: Phase, old: BoardRow, row: BoardRow) -> BoardNews:
-    """`news_between` of two recorded boards, of which little is read: locks are held meanwhile."""
+def news_between(
+    challenge: str, old: BoardRow, row: BoardRow, *, with_aliases: bool = True
+) -> BoardNews:
+    """Say whose scores are new; between protocols or split revisions, nothing can be compared.
+
+    Little of the boards is read: locks are held meanwhile.
+    """
     if (old.protocol_digest, old.split_revision) != (row.protocol_digest, row.split_revision):
         return BoardNews()
-    key = CHALLENGES[phase.challenge].metrics[0].key
-    return _news_of(*(_standings(each, key) for each in (old, row)))
+    key = CHALLENGES[challenge].metrics[0].key
+    return _news_of(*(_standings(each, key, with_aliases) for each in (old, row)))
 
 
-def _standings(row: BoardRow, key: str) -> _Standings:
-    aliases = _aliases_on(row)
+def _standings(row: BoardRow, key: str, with_aliases: bool) -> _Standings:
+    aliases = _aliases_on(row) if with_aliases else {}
     return {
         name: _Stood(
             entry["method"],
