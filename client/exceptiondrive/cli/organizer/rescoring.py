@@ -11,7 +11,8 @@ from typing import Annotated
 
 import typer
 from rich.console import RenderableType
-from rich.progress import BarColumn, Progress, TextColumn
+from rich.progress import BarColumn, TextColumn
+from rich.progress import Progress as ProgressBar
 
 from exceptiondrive.challenges import challenge_of
 from exceptiondrive.checking import write_file
@@ -29,6 +30,7 @@ from exceptiondrive.errors import (
 )
 from exceptiondrive.organizer import Rescoring
 from exceptiondrive.transport import Record
+from exceptiondrive_schemas.api.rescoring import Progress
 from exceptiondrive_schemas.challenges import Metric
 from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.score_sheet import metric_text
@@ -209,7 +211,8 @@ def _watched(rescoring: Rescoring, run_id: str) -> Record:
         while True:
             run = rescoring.run(run_id)
             progress = run["progress"]
-            show(progress["done"], progress["total"], progress_line(run))
+            words = Progress.model_validate(progress).words
+            show(progress["done"], progress["total"], words)
             waits = progress["total"] - progress["done"] - progress["failed"]
             is_stuck = progress["failed"] and not waits
             if run["state"] != "scoring" or is_stuck:
@@ -261,7 +264,7 @@ def run_lines(run: Record) -> list[RenderableType]:
     head = f"run {run['id']}  {run['state']}  phase {run['phase']}  {' -> '.join(_sides(run))}"
     lines: list[RenderableType] = [
         head,
-        f"  {progress_line(run)}",
+        f"  {Progress.model_validate(run['progress']).words}",
         f"  {run['difference']['sentence']}",
     ]
     lines += [f"  - {change['sentence']}" for change in run["difference"]["changes"]]
@@ -279,27 +282,6 @@ def _sides(changed: Record) -> tuple[str, str]:
         return old[0]["version"], new[0]["version"]
     before, after = (side[1]["revision"].removeprefix("sha256:")[:12] for side in (old, new))
     return before, after
-
-
-def progress_line(run: Record) -> str:
-    """Return how far a run is, in one line."""
-    progress = run["progress"]
-    words = f"{progress['done']} of {progress['total']} sheets"
-    if progress["failed"]:
-        words += f", {progress['failed']} failed"
-    if progress["sheets_per_s"]:
-        words += f", {progress['sheets_per_s']:g} a second"
-    if progress["remaining_s"]:
-        words += f", about {_duration(progress['remaining_s'])} left"
-    return words
-
-
-def _duration(seconds: float) -> str:
-    """Write a length of time in its largest unit."""
-    for unit, length_s in (("days", 86_400), ("hours", 3_600), ("minutes", 60)):
-        if seconds >= 1.5 * length_s:
-            return f"{seconds / length_s:.0f} {unit}"
-    return f"{max(1, round(seconds))} s"
 
 
 def runs_table(runs: list[Record]) -> FittedTable:
@@ -441,7 +423,7 @@ def verification_lines(found: Record) -> Iterator[str]:
 def _bar(what: str) -> Iterator[Callable[[int, int, str], None]]:
     """Give what moves a bar on a terminal; elsewhere nothing moves."""
     columns = TextColumn(what), BarColumn(), TextColumn("{task.description}")
-    bar = Progress(
+    bar = ProgressBar(
         *columns, console=console(stderr=True), transient=True, disable=not has_terminal()
     )
     task = bar.add_task("", total=None)
