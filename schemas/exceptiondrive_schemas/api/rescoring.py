@@ -202,7 +202,7 @@ class RunView(Document):
     """Digest of the comparison that `apply` would make true."""
 
 
-Change = Literal["none", "numbers", "rank_only", "appears", "disappears"]
+ChangeKind = Literal["none", "numbers", "rank_only", "appears", "disappears"]
 
 
 class Standing(Document):
@@ -231,7 +231,7 @@ class EntryChange(Document):
     submission_id: str
     method: str
     team: str
-    change: Change
+    change: ChangeKind
     newly_failing: bool
     """It had a rank and has none."""
     old: Standing | None
