@@ -140,7 +140,9 @@ def request_body(
     return {**body, **settings.extra}
 
 
-_Count = Annotated[int, Field(ge=0), BeforeValidator(lambda told: 0 if told is None else told)]
+_Count = Annotated[
+    int, Field(ge=0, le=10**9), BeforeValidator(lambda told: 0 if told is None else told)
+]
 
 
 def _either(chat: str, pictures: str) -> AliasChoices:

@@ -155,7 +155,10 @@ def test_where_there_is_no_key_nothing_is_left_out_of_the_words(
     assert report["failure"] == "HTTP 429: slow down"
 
 
-@pytest.mark.parametrize("usage", ["many", {"prompt_tokens": -1}, {"prompt_tokens": "few"}])
+@pytest.mark.parametrize(
+    "usage",
+    ["many", {"prompt_tokens": -1}, {"prompt_tokens": "few"}, {"completion_tokens": 10**30}],
+)
 def test_counts_that_cannot_be_read_spoil_no_answer(
     bench: Bench, endpoint: "ChatEndpoint", usage: object
 ) -> None:

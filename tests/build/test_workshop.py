@@ -4,6 +4,7 @@ import hashlib
 import sqlite3
 import stat
 import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -40,6 +41,17 @@ def word(candidate: str, by: Author, passed: bool, supersedes: int | None = None
 def test_a_new_workshop_lets_in_its_owner_alone(workshop: Workshop) -> None:
     """Its records and answers hold verified regions, and are written with the usual rights."""
     assert stat.S_IMODE(workshop.folder.stat().st_mode) == 0o700
+
+
+def test_a_workshop_in_a_folder_that_others_may_enter_shows_them_no_file(tmp_path: Path) -> None:
+    tmp_path.chmod(0o755)
+    build = [sys.executable, "-c", "from exceptiondrive_build.cli import main; main()"]
+    for command in (["new", ".", "--name", "made-2027"], ["report"]):
+        subprocess.run(
+            [*build, *command], cwd=tmp_path, capture_output=True, check=True, umask=0o022
+        )
+    assert (tmp_path / "records.sqlite3").exists()
+    assert {path.name for path in tmp_path.rglob("*") if path.stat().st_mode & 0o077} == set()
 
 
 def test_a_new_workshop_is_left_out_of_the_repository_that_it_stands_in(tmp_path: Path) -> None:

@@ -18,7 +18,7 @@ from tests.support.work import unfinished
 from exceptiondrive_records.boards.tables import BoardFlip, BoardRow
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.db.errors import Violation
-from exceptiondrive_records.operations import invariants, unlogged
+from exceptiondrive_records.operations import invariants
 from exceptiondrive_records.operations.invariants import damaged_uploads, violations
 from exceptiondrive_records.phases.quotas import COSTS_NOTHING
 from exceptiondrive_records.phases.tables import Phase
@@ -33,7 +33,7 @@ _MAY_COME_AGAIN = (SubmissionStatus.WITHDRAWN, SubmissionStatus.FAILED)
 _QUOTA_USED_UP = 429
 # One text is one board with one digest: each is read once, however many faults
 # come after it; 256 of them take some 200 MB.
-invariants.board_in = unlogged.board_in = lru_cache(256)(unlogged.board_in)  # type: ignore[attr-defined]
+invariants.board_in = lru_cache(256)(invariants.board_in)
 
 
 def check(

@@ -23,7 +23,6 @@ from exceptiondrive_records.submissions.file_store import FileStore
 from exceptiondrive_records.submissions.submissions import accept
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.work import jobs
-from exceptiondrive_records.work.jobs import Finish
 from exceptiondrive_records.work.tables import Job
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.challenges import PLANNING
@@ -125,7 +124,7 @@ class _Teller:
                     measurement_key="m",
                     scorer_version="1",
                 )
-        assert done is Finish.RECORDED
+        assert done
         status = "failed" if hcc is None else "scored"
         sheet = None if hcc is None else told_sheet(self.protocol, hcc)
         self.history.note(Sighting(10.0, submission_id, status, sheet))

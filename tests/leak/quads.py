@@ -2,13 +2,14 @@
 
 The attacker knows the labels, answers nothing but the samples that are read, and searches the
 rectangles that say what was published (differential evolution); the next path is the one about
-which the rectangles found so far differ most.
+which the rectangles found so far differ most. Who knows other regions of a task looks near these
+first.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import shapely
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 
 from exceptiondrive_schemas.protocol import NEWEST_WITHHELD, packaged_protocol
 from exceptiondrive_schemas.score_sheet import ScoreSheet
+from exceptiondrive_scoring.arrays import SplitArrays
 from exceptiondrive_scoring.drawing import tube_pieces_m
 from exceptiondrive_scoring.grade import clearance_compliance, proximity_response
 from exceptiondrive_worker.splits.store import load_split, read_split
@@ -29,6 +31,10 @@ N_GUESSES, N_PATHS, N_GENERATIONS, N_LAST = 48, 40, 25, 300
 LEAST = np.array([3.0, -14.0, 0.4, 0.4, -np.pi / 2])
 """Of a rectangle: middle ahead and to the left, half its sides in metres, its heading."""
 MOST = np.array([60.0, 14.0, 6.0, 3.0, np.pi / 2])
+NEAR = np.array([4.0, 1.0, 0.5, 0.5, 0.2])
+"""How far a region lies from one that was foreseen."""
+Known = Literal["nothing", "regions", "regions and path"]
+"""What of a task is known besides: its other regions, and the recorded paths of its samples."""
 
 
 def quads(guesses: FloatArray) -> Any:
@@ -41,6 +47,50 @@ def quads(guesses: FloatArray) -> Any:
     return shapely.polygons(corners)
 
 
+def foreseen(arrays: SplitArrays, row: int, known: Known) -> FloatArray:
+    """Return the regions of the other samples of a task as rectangles (P, 5), laid along the path of `row`."""
+    others = np.flatnonzero(arrays.task_index == arrays.task_index[row])
+    others = others[others != row]
+    if known == "nothing":
+        return np.empty((0, 5))
+    rectangles = np.array([_rectangle(region) for region in arrays.regions_m[others]])
+    if known == "regions" or arrays.recorded_m is None:
+        return rectangles
+    for rectangle, path in zip(rectangles, arrays.recorded_m[others], strict=True):
+        along_m = _line(path).project(shapely.Point(rectangle[:2]))
+        (x, y), turn = _place(path, along_m)
+        aside_m = (rectangle[1] - y) * np.cos(turn) - (rectangle[0] - x) * np.sin(turn)
+        (x, y), heading = _place(arrays.recorded_m[row], along_m)
+        rectangle[:2] = x - aside_m * np.sin(heading), y + aside_m * np.cos(heading)
+        rectangle[4] += heading - turn
+    return rectangles
+
+
+def _rectangle(region: FloatArray) -> FloatArray:
+    """The least rectangle (5,) about a region (4, 2), with a heading of at most an eighth of a turn."""
+    box: Any = shapely.Polygon(region).minimum_rotated_rectangle
+    corners = np.array(box.exterior.coords)
+    sides = np.diff(corners, axis=0)[:2]
+    length, width = sides if abs(sides[0, 0]) > abs(sides[0, 1]) else sides[::-1]
+    halves = np.linalg.norm([length, width], axis=1) / 2
+    return np.array([*box.centroid.coords[0], *halves, np.arctan(length[1] / length[0])])
+
+
+def _line(path: FloatArray) -> shapely.LineString:
+    """A recorded path from (0, 0) on, and straight ahead after its end."""
+    points = np.concatenate([np.zeros((1, 2)), path])
+    step = points[-1] - points[-2]
+    step = step / np.linalg.norm(step) if np.linalg.norm(step) > 0.2 else np.array([1.0, 0.0])
+    return shapely.LineString([*points, points[-1] + 100 * step])
+
+
+def _place(path: FloatArray, along_m: float) -> tuple[FloatArray, float]:
+    """The place (2,) so far along a path, and its heading there."""
+    line = _line(path)
+    here, ahead = (np.array(line.interpolate(at).coords[0]) for at in (along_m, along_m + 0.5))
+    return here, float(np.arctan2(*(ahead - here)[::-1]))
+
+
 @dataclass
 class Victims:
     """K regions that are read together: what was asked of them, what was said, what they may be.
@@ -50,12 +100,14 @@ class Victims:
         d_safe_m: (K,).
         factors: Of the required clearances under which HCC is told; the first is 1.
         shares: (M, K) what of each sample's value is in each of M means, in roundings.
+        foreseen: (K, P, 5) rectangles that each region may be like; P may be 0.
     """
 
     rows: Sequence[int]
     d_safe_m: FloatArray
     factors: tuple[float, ...]
     shares: FloatArray
+    foreseen: FloatArray
     chance: np.random.Generator
     tubes: list[Any] = field(default_factory=list)
     seen: list[FloatArray] = field(default_factory=list)
@@ -81,6 +133,9 @@ class Victims:
         for tubes, said in zip(self.tubes, self.seen, strict=True):
             gap = np.abs(self.told(guesses, tubes) - said)
             total += np.log1p(np.maximum(gap - 0.5, 0.0)).sum(axis=(1, 2))
+        if self.foreseen.size:
+            far = np.abs((guesses[:, :, None] - self.foreseen) / NEAR).sum(axis=3)
+            total += 0.02 * far.min(axis=2).sum(axis=1)
         return total
 
     def search(self, n_generations: int) -> None:
@@ -108,7 +163,12 @@ class Victims:
         return quads(self.guesses[0])
 
     def _any(self, n: int) -> FloatArray:
-        return self.chance.uniform(LEAST, MOST, (n, len(self.rows), 5))
+        shape = n, len(self.rows), 5
+        if not self.foreseen.size:
+            return self.chance.uniform(LEAST, MOST, shape)
+        drawn = self.chance.integers(self.foreseen.shape[1], size=shape[:2])
+        like = self.foreseen[np.arange(shape[1]), drawn]
+        return np.clip(like + self.chance.normal(0, NEAR, shape), LEAST, MOST)
 
 
 @dataclass
@@ -123,6 +183,7 @@ class Attack:
     oracle: "Oracle"
     rows: Sequence[int]
     seed: int = 0
+    known: Known = "nothing"
     victims: list[Victims] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -165,7 +226,8 @@ class Attack:
             sizes = [np.full(len(rows), arrays.n_samples), of_families]
             factors = protocol.grading.sensitivity_factors
         shares = 1 / (np.array(sizes) * self.oracle.cells.step)
-        return Victims(rows, arrays.d_safe_m[rows], (1.0, *factors), shares, self.chance)
+        near = np.stack([foreseen(arrays, row, self.known) for row in rows])
+        return Victims(rows, arrays.d_safe_m[rows], (1.0, *factors), shares, near, self.chance)
 
     def _said(self, sheet: ScoreSheet, row: int) -> FloatArray:
         """Each mean in roundings: not hit, HPR, HCC, HCC of other clearances. What is missing adds nothing."""
@@ -221,21 +283,28 @@ def main() -> None:
     rows = np.unique(of_tasks, return_index=True)[1].tolist()
     alone = [[row] for row in rows]
     pairs = [[rows[i], rows[i + 12]] for i in range(9)]  # of families of 80 and of 60
-    for version, together, counts in (
-        ("1.1", [rows], (8, 22)),
-        (NEWEST_WITHHELD, alone, (8, 12, 20)),
-        (NEWEST_WITHHELD, pairs, (8, 12, 20)),
-    ):
-        protocol = packaged_protocol(version)
+    attempts: list[tuple[str, int, Known, list[list[int]], tuple[int, ...]]] = [
+        ("1.1", 2, "nothing", [rows], (8, 22)),
+        (NEWEST_WITHHELD, 2, "nothing", alone, (8, 12, 20)),
+        (NEWEST_WITHHELD, 2, "regions", alone, (4, 8, 12, 20)),
+        (NEWEST_WITHHELD, 2, "regions and path", alone, (2, 4, 8, 12, 20)),
+        (NEWEST_WITHHELD, 2, "nothing", pairs, (8, 12, 20)),
+        (NEWEST_WITHHELD, 2, "regions and path", pairs, (4, 8, 12, 20)),
+        (NEWEST_WITHHELD, 1, "regions and path", alone, (4, 8, 12, 20)),
+    ]
+    for version, decimals, known, together, counts in attempts:
+        usual = packaged_protocol(version)
+        coarse = usual.publication.model_copy(update={"percent_decimals": decimals})
+        protocol = usual.model_copy(update={"publication": coarse})
         oracle = Oracle(load_split(split, protocol), protocol)
-        attacks = [Attack(oracle, each) for each in together]
+        attacks = [Attack(oracle, each, known=known) for each in together]
         for before, count in pairwise((0, *counts)):
             for attack in attacks:
                 for _ in range(count - before):
                     attack.upload()
             ious, farthest_m = np.array([each for attack in attacks for each in attack.found()]).T
-            known = np.median(ious).round(2), (ious > 0.5).sum(), np.median(farthest_m).round(2)
-            print(version, len(together[0]), count, *known, len(ious))  # noqa: T201
+            read = np.median(ious).round(2), (ious > 0.5).sum(), np.median(farthest_m).round(2)
+            print(version, decimals, known, len(together[0]), count, *read, len(ious))  # noqa: T201
 
 
 if __name__ == "__main__":

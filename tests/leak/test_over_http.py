@@ -77,10 +77,10 @@ def participant(
 ) -> Iterator[Participant]:
     places: dict[str, Any] = {
         "database_url": sqlite_url,
+        "broker_url": f"redis+socket://{tmp_path}/nobody.sock",
         "file_store_url": (tmp_path / "uploads").as_uri(),
     }
     worker: dict[str, Any] = {
-        "broker_url": "memory://",
         "splits_dir": SPLITS,
         "private_dir": tmp_path / "private",
     }
@@ -105,7 +105,6 @@ def participant(
         token, _ = issue_token(session, team.id, "laptop", actor="test")
     settings = ServerSettings(
         **places,
-        broker_url=f"redis+socket://{tmp_path}/nobody.sock",
         receipt_key_file=tmp_path / "receipt-key.pem",
     )
     with TestClient(create_app(settings)) as client:

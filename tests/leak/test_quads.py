@@ -1,10 +1,11 @@
-"""Regions are read from published sheets: many at once by usual settings, two by advised ones."""
+"""Regions are read from published sheets: many at once by usual settings, a few by advised ones."""
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from tests.leak.quads import Attack
+import shapely
+from tests.leak.quads import Attack, quads
 
 from exceptiondrive_schemas.protocol import NEWEST_WITHHELD, packaged_protocol
 
@@ -31,6 +32,19 @@ def test_eight_uploads_read_one_region_by_advised_settings(oracle: "Oracle") -> 
     for _ in range(N_UPLOADS):
         attack.upload()
     assert attack.found()[0][0] > 0.3
+
+
+def test_who_knows_other_regions_of_the_task_reads_one_with_four_uploads(oracle: "Oracle") -> None:
+    advised = replace(oracle, protocol=packaged_protocol(NEWEST_WITHHELD))
+    first = np.unique(oracle.split.arrays.task_index, return_index=True)[1]
+    attack = Attack(advised, first[1:2].tolist(), known="regions and path")
+    regions = quads(attack.victims[0].foreseen[0])
+    true: Any = shapely.Polygon(oracle.split.arrays.regions_m[first[1]])
+    alike = shapely.area(shapely.intersection(regions, true))
+    assert max(alike / shapely.area(shapely.union(regions, true))) < 0.5, "what is known is not it"
+    for _ in range(N_UPLOADS // 2):
+        attack.upload()
+    assert attack.found()[0][0] > 0.5
 
 
 def test_two_regions_are_read_at_once_by_advised_settings(oracle: "Oracle") -> None:

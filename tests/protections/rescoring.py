@@ -128,9 +128,7 @@ def _longest_due(_: Any) -> Callable[..., Any]:
 def _over_the_kept_store(stages_over: Any) -> Callable[..., Any]:
     from exceptiondrive_worker.splits.private_store import PrivateStore
 
-    return lambda settings, files, _: stages_over(
-        settings, files, PrivateStore(settings.private_dir)
-    )
+    return lambda files, private: stages_over(files, PrivateStore(private.root.parent))
 
 
 def _equal(_: Any) -> Callable[..., Any]:

@@ -13,7 +13,6 @@ from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.work import dispatch
 from exceptiondrive_records.work.dispatch import Dispatcher, kinds_due, mark_queued, wake_lanes
 from exceptiondrive_records.work.heartbeats import beat
-from exceptiondrive_records.work.jobs import Finish
 from exceptiondrive_records.work.profiles import ask_for_profile
 from exceptiondrive_records.work.tables import BoardRequest, Job, Profile, WorkItem, WorkState
 from exceptiondrive_schemas.api.submission import SubmissionStatus
@@ -127,7 +126,7 @@ def test_a_worker_is_told_which_kinds_of_work_are_due_in_its_lane(world: World) 
     assert due() == {Job}
     job = world.claim(accepted.job_id)
     assert due() == set(), "somebody is at it"
-    assert world.finish(job, 0.5) is Finish.RECORDED
+    assert world.finish(job, 0.5)
     assert due() == {BoardRequest}
     with world.database.write() as session:
         ask_for_profile(session, accepted.submission.id)

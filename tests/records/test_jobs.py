@@ -15,7 +15,6 @@ from exceptiondrive_records.phases.scoring_keys import ScoringKey
 from exceptiondrive_records.rescoring.progress import count_sheets, left_out, scored_left_out
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.work import jobs
-from exceptiondrive_records.work.jobs import Finish
 from exceptiondrive_records.work.profiles import ask_for_profile
 from exceptiondrive_records.work.tables import (
     NEEDED,
@@ -46,7 +45,7 @@ def must_take(world: World, job_id: str, max_attempts: int = 4) -> Job:
     return claim
 
 
-def score(world: World, claim: Job, exact_digest: str = "sha256:exact") -> Finish:
+def score(world: World, claim: Job, exact_digest: str = "sha256:exact") -> bool:
     with world.database.write() as session:
         return jobs.finish_scored(
             session,
@@ -81,7 +80,7 @@ def test_a_claim_says_all_that_scoring_needs(world: World) -> None:
 
 def test_scoring_leaves_sheet_status_audit_line_and_board_request_together(world: World) -> None:
     claim = must_take(world, world.submit("file").job_id)
-    assert score(world, claim) is Finish.RECORDED
+    assert score(world, claim)
     assert state_of(world, claim.submission_id) == (SubmissionStatus.SCORED, WorkState.DONE)
     with world.database.read() as session:
         key = (claim.submission_id, claim.protocol_digest, claim.split_revision)
@@ -109,9 +108,9 @@ def test_an_expired_lease_is_claimed_again_and_the_late_answer_is_refused(world:
     expire_lease(world, job_id)
     fresh = must_take(world, job_id)
     assert (fresh.fence, fresh.attempts) == (2, 2)
-    assert score(world, frozen, "sha256:late") is Finish.LEASE_LOST
-    assert score(world, fresh, "sha256:right") is Finish.RECORDED
-    assert score(world, frozen, "sha256:late") is Finish.LEASE_LOST
+    assert not score(world, frozen, "sha256:late")
+    assert score(world, fresh, "sha256:right")
+    assert not score(world, frozen, "sha256:late")
     with world.database.read() as session:
         assert [row.exact_digest for row in session.query(ScoreSheetRow)] == ["sha256:right"]
         assert count_audit_lines(session, "stale fence rejected") == 2
@@ -137,14 +136,14 @@ def test_a_rejected_file_keeps_its_report_and_makes_no_sheet(world: World) -> No
     )
     claim = must_take(world, world.submit("file").job_id)
     with world.database.write() as session:
-        assert jobs.finish_rejected(session, claim, report) is Finish.RECORDED
+        assert jobs.finish_rejected(session, claim, report)
     assert state_of(world, claim.submission_id) == (SubmissionStatus.REJECTED, WorkState.DONE)
     with world.database.read() as session:
         assert session.get(Submission, claim.submission_id).report == report
         assert session.query(ScoreSheetRow).count() == 0
 
 
-def fail(world: World, claim: Job, *, retry: bool, max_attempts: int = 4) -> Finish:
+def fail(world: World, claim: Job, *, retry: bool, max_attempts: int = 4) -> bool:
     with world.database.write() as session:
         return jobs.finish_failed(
             session, claim, "internal", "We failed.", retry=retry, max_attempts=max_attempts
@@ -154,7 +153,7 @@ def fail(world: World, claim: Job, *, retry: bool, max_attempts: int = 4) -> Fin
 def test_a_failure_that_may_pass_is_queued_again_after_a_wait(world: World) -> None:
     job_id = world.submit("file").job_id
     claim = must_take(world, job_id)
-    assert fail(world, claim, retry=True) is Finish.RETRY_LATER
+    assert fail(world, claim, retry=True)
     assert state_of(world, claim.submission_id) == (SubmissionStatus.QUEUED, WorkState.QUEUED)
     assert take(world, job_id) is None  # not before its time
     with world.database.write() as session:
@@ -164,13 +163,13 @@ def test_a_failure_that_may_pass_is_queued_again_after_a_wait(world: World) -> N
 
 def test_a_failure_on_the_last_attempt_is_final(world: World) -> None:
     claim = must_take(world, world.submit("file").job_id, max_attempts=1)
-    assert fail(world, claim, retry=True, max_attempts=1) is Finish.RECORDED
+    assert fail(world, claim, retry=True, max_attempts=1)
     assert state_of(world, claim.submission_id) == (SubmissionStatus.FAILED, WorkState.DEAD)
 
 
 def test_a_failure_that_cannot_pass_is_final_and_says_why(world: World) -> None:
     claim = must_take(world, world.submit("file").job_id)
-    assert fail(world, claim, retry=False) is Finish.RECORDED
+    assert fail(world, claim, retry=False)
     assert state_of(world, claim.submission_id) == (SubmissionStatus.FAILED, WorkState.FAILED)
     with world.database.read() as session:
         submission = session.get(Submission, claim.submission_id)
@@ -196,7 +195,7 @@ def test_a_rescoring_job_leaves_the_status_of_the_submission_alone(world: World)
     claim = must_take(world, accepted.job_id)
     with world.database.read() as session:
         assert session.get(Submission, claim.submission_id).status is SubmissionStatus.SCORED
-    assert fail(world, claim, retry=False) is Finish.RECORDED
+    assert fail(world, claim, retry=False)
     with world.database.read() as session:
         assert session.get(Submission, claim.submission_id).status is SubmissionStatus.SCORED
 

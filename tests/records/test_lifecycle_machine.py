@@ -34,7 +34,6 @@ from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.work import jobs
 from exceptiondrive_records.work.dispatch import Dispatcher, wake_lanes
 from exceptiondrive_records.work.heartbeats import beat
-from exceptiondrive_records.work.jobs import Finish
 from exceptiondrive_records.work.tables import Job, WorkState
 from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.faults import CheckReport
@@ -141,11 +140,11 @@ class Lifecycle(RuleBasedStateMachine):
         with self.database.read() as session:
             job = session.get_one(Job, claim.id)
             holds_the_lease = job.state is WorkState.LEASED and job.fence == claim.fence
-        assert (self.finish(claim, answer) is not Finish.LEASE_LOST) is holds_the_lease
+        assert self.finish(claim, answer) is holds_the_lease
 
-    def finish(self, claim: Job, answer: str) -> Finish:
+    def finish(self, claim: Job, answer: str) -> bool:
         if answer == "scored":
-            done: Finish = self.world.finish(claim)
+            done: bool = self.world.finish(claim)
             return done
         with self.database.write() as session:
             if answer == "rejected":

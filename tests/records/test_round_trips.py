@@ -25,7 +25,7 @@ from exceptiondrive_records.db.last import do_last, require_last
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.work.board_requests import claim_board, want_board
 from exceptiondrive_records.work.heartbeats import beat, live_workers
-from exceptiondrive_records.work.jobs import Finish, finish_scored
+from exceptiondrive_records.work.jobs import finish_scored
 from exceptiondrive_records.work.lease import LeaseLost
 from exceptiondrive_records.work.tables import BoardRequest, Job, WorkerHeartbeat
 from exceptiondrive_schemas.jobs import Lane
@@ -105,7 +105,7 @@ def test_two_scores_are_recorded_side_by_side(world: World) -> None:
             measurement_key="m",
             scorer_version="1",
         )
-        assert world.finish(second) is Finish.RECORDED  # or it waits for a lock, until it gives up
+        assert world.finish(second)  # or it waits for a lock, until it gives up
     with world.database.read() as session:
         assert {job.state for job in session.scalars(select(Job))} == {"done"}
         assert verify_audit(session).is_whole
@@ -118,7 +118,7 @@ def test_scores_go_on_while_a_board_is_recorded(world: World) -> None:
     assert claim is not None
     with world.database.write() as session:
         assert publish_board(session, claim, world.board()) is not None
-        assert world.finish(job) is Finish.RECORDED  # or it waits for a lock, until it gives up
+        assert world.finish(job)  # or it waits for a lock, until it gives up
     with world.database.read() as session:
         request = session.scalars(select(BoardRequest)).one()
     assert request.state == "queued"  # its score came while the board was built

@@ -23,6 +23,8 @@ def test_the_defaults_are_those_that_survived_every_fault() -> None:
         ("DATABASE_URL", "mysql://x", "must start with sqlite:///"),
         ("BROKER_URL", "amqp://x", "must start with redis://"),
         ("FILE_STORE_URL", "ftp://x", "must start with file:///"),
+        ("BROKER_URL", "memory://", "must start with redis://"),
+        ("FILE_STORE_URL", "memory://", "must start with file:/// or s3://$"),
         ("FILE_STORE_URL", "s3://", "must name a bucket"),
         ("LEASE_S", "-1", "greater than 0"),
         ("MAX_ATTEMPTS", "many", "valid integer"),
@@ -73,7 +75,7 @@ def test_a_misspelt_variable_is_not_ignored(monkeypatch: pytest.MonkeyPatch) -> 
 
 
 def test_variables_of_other_parts_are_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in ("TOKEN", "SERVER", "PRIVATE_DIR", "MAX_UPLOAD_BYTES", "MAX_INFLATED_BYTES"):
+    for name in ("TOKEN", "SERVER", "PRIVATE_DIR", "MAX_UPLOAD_BYTES"):
         monkeypatch.setenv(f"EXCEPTIONDRIVE_{name}", "x")
     assert load_settings(RecordsSettings).max_attempts == 4
 

@@ -16,7 +16,7 @@ from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.submissions import Accepted, accept
 from exceptiondrive_records.work.board_requests import want_board
-from exceptiondrive_records.work.jobs import Finish, finish_scored
+from exceptiondrive_records.work.jobs import finish_scored
 from exceptiondrive_records.work.tables import BoardRequest, Job
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.score_sheet import ProtocolRef, ScoreSheet
@@ -50,7 +50,7 @@ class World:
         assert job is not None
         return job
 
-    def finish(self, job: Job, hcc: float = 0.5) -> Finish:
+    def finish(self, job: Job, hcc: float = 0.5) -> bool:
         with self.database.write() as session:
             return finish_scored(
                 session,
@@ -62,7 +62,7 @@ class World:
             )
 
     def score(self, job_id: str | None, hcc: float = 0.5) -> None:
-        assert self.finish(self.claim(job_id), hcc) is Finish.RECORDED
+        assert self.finish(self.claim(job_id), hcc)
 
     def scored(
         self,

@@ -111,7 +111,7 @@ def application_over(stage: Stage) -> Any:
     return create_app(
         ServerSettings(
             database_url=as_role(stage.settings.database_url, Role.API),
-            broker_url="memory://",
+            broker_url=stage.settings.broker_url,
             file_store_url=stage.settings.file_store_url,
         )
     )

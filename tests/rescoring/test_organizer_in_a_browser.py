@@ -36,7 +36,7 @@ def site(stage: Stage) -> Iterator[str]:
     app = create_app(
         ServerSettings(
             database_url=stage.settings.database_url,
-            broker_url="memory://",
+            broker_url=stage.settings.broker_url,
             file_store_url=stage.settings.file_store_url,
         )
     )

@@ -3,6 +3,7 @@
 import pytest
 
 from exceptiondrive_records.db.settings import SettingsError, load_settings
+from exceptiondrive_schemas.check import MAX_INFLATED_BYTES
 from exceptiondrive_server.web.settings import ServerSettings
 
 
@@ -14,6 +15,16 @@ def test_a_proxy_that_would_not_be_believed_stops_the_start(
 ) -> None:
     monkeypatch.setenv("EXCEPTIONDRIVE_TRUSTED_PROXIES", proxies)
     with pytest.raises(SettingsError, match=r"EXCEPTIONDRIVE_TRUSTED_PROXIES: .* no address"):
+        load_settings(ServerSettings)
+
+
+def test_an_upload_may_be_as_large_as_its_json_and_no_larger(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv("EXCEPTIONDRIVE_MAX_UPLOAD_BYTES", str(MAX_INFLATED_BYTES))
+    assert load_settings(ServerSettings).max_upload_bytes == MAX_INFLATED_BYTES
+    monkeypatch.setenv("EXCEPTIONDRIVE_MAX_UPLOAD_BYTES", str(MAX_INFLATED_BYTES + 1))
+    with pytest.raises(SettingsError, match="EXCEPTIONDRIVE_MAX_UPLOAD_BYTES"):
         load_settings(ServerSettings)
 
 

@@ -27,7 +27,7 @@ def worker_settings(folder: Path, database_url: str, **changes: Any) -> WorkerSe
     """Settings of a worker whose every place is in a folder, and whom no broker wakes."""
     usual: dict[str, Any] = {
         "database_url": database_url,
-        "broker_url": "memory://",
+        "broker_url": f"redis+socket://{folder}/nobody.sock",
         "file_store_url": (folder / "uploads").as_uri(),
         "splits_dir": folder / "splits",
         "private_dir": folder / "private",

@@ -58,7 +58,7 @@ TRANSPORT = {
 
 
 def app() -> Celery:
-    return create_app(WorkerSettings(broker_url="memory://"))
+    return create_app(WorkerSettings(broker_url="redis://h/0"))
 
 
 def test_the_app_has_every_setting_of_the_block() -> None:

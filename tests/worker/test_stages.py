@@ -11,6 +11,7 @@ import pytest
 
 from exceptiondrive_schemas.base import content_digest
 from exceptiondrive_schemas.challenges import PLANNING
+from exceptiondrive_schemas.check import MAX_INFLATED_BYTES
 from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.protocol import (
     GradingSection,
@@ -322,6 +323,17 @@ def test_an_upload_that_needs_too_much_memory_is_rejected(tmp_path: Path, target
     with pytest.raises(RejectedUpload) as caught:
         stages.score(target)
     assert [group.code.value for group in caught.value.report.faults] == ["inflates_too_large"]
+
+
+def test_whatever_size_the_server_takes_is_read_and_reported_as_sound(
+    counted: Counted, target: Target
+) -> None:
+    blanks = MAX_INFLATED_BYTES - len(counted.upload)
+    usual = counted.stages.answers(target)
+    counted.upload += b" " * blanks
+    large = replace(target, file_digest="sha256:large")
+    assert counted.stages.answers(large)["edited"].tobytes() == usual["edited"].tobytes()
+    assert counted.stages.report(large).is_valid
 
 
 def test_a_rejected_upload_leaves_nothing_in_the_store(

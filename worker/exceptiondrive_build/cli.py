@@ -1,5 +1,6 @@
 """`exceptiondrive-build`: a table of commands, each in a module that is imported when called."""
 
+import os
 import sys
 from importlib import import_module
 from pathlib import Path
@@ -110,6 +111,7 @@ def _root() -> None:
 
 def main() -> None:
     """Run the command line."""
+    os.umask(0o077)  # a workshop holds regions, also one in a folder that others may enter
     for stream in (sys.stdout, sys.stderr):
         reconfigure = getattr(stream, "reconfigure", None)
         if reconfigure is not None:

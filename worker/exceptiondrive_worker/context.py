@@ -8,6 +8,7 @@ from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.submissions.file_store import FileStore
 from exceptiondrive_records.work.dispatch import Dispatcher
 from exceptiondrive_records.work.lease import Item, claim_oldest
+from exceptiondrive_schemas.check import MAX_INFLATED_BYTES
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_worker.settings import WorkerSettings
 from exceptiondrive_worker.splits.private_store import PrivateStore
@@ -54,15 +55,11 @@ def open_context(
         splits=SplitStore(settings.splits_dir),
         private=private,
         dispatcher=Dispatcher(settings.broker_url),
-        stages=stages_over(settings, files, private),
+        stages=stages_over(files, private),
         lanes=frozenset(lanes),
     )
 
 
-def stages_over(settings: WorkerSettings, files: FileStore, private: PrivateStore) -> Stages:
+def stages_over(files: FileStore, private: PrivateStore) -> Stages:
     """Return the stages that keep their results in this private store."""
-    most_bytes = settings.max_upload_bytes
-    read = partial(
-        read_upload, max_upload_bytes=most_bytes, max_inflated_bytes=settings.max_inflated_bytes
-    )
-    return Stages(private, partial(files.read, limit_bytes=most_bytes), read)
+    return Stages(private, partial(files.read, limit_bytes=MAX_INFLATED_BYTES), read_upload)

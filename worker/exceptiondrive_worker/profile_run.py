@@ -17,7 +17,7 @@ from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.splits.drawings import find_public_split
 from exceptiondrive_records.submissions.tables import Submission
-from exceptiondrive_records.work.lease import try_later
+from exceptiondrive_records.work.lease import try_later, wait_before_next_s
 from exceptiondrive_records.work.profiles import finish_profile
 from exceptiondrive_records.work.tables import Profile
 from exceptiondrive_schemas.challenges import CHALLENGES
@@ -70,7 +70,7 @@ def _record_failure(context: WorkerContext, item: Profile, failure: Failure) -> 
     settings, code, counts = context.settings, failure.code.value, not failure.is_outage
     with context.database.write() as session:
         if failure.may_retry and not (counts and item.attempts >= settings.max_attempts):
-            wait_s = settings.retry_backoff_s * 2 ** (item.attempts - 1)
+            wait_s = wait_before_next_s(item, settings.retry_backoff_s)
             try_later(session, item, wait_s, counts=counts, note=code)
         else:
             finish_profile(session, item, None, note=code)

@@ -8,15 +8,13 @@ from sqlalchemy.orm import Session
 
 from exceptiondrive_records.db.errors import Conflict
 from exceptiondrive_records.operations.logs import places
-from exceptiondrive_records.phases.policy import is_late
 from exceptiondrive_records.phases.scoring_keys import ScoringKey, accepted_under
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.splits.drawings import find_public_split
+from exceptiondrive_records.submissions.questions import entry_replaced_by
 from exceptiondrive_records.submissions.sheets import is_scored
-from exceptiondrive_records.submissions.submissions import submission_page
 from exceptiondrive_records.submissions.tables import Submission
-from exceptiondrive_records.submissions.views import views
 from exceptiondrive_records.work.fair_share import waits
 from exceptiondrive_records.work.jobs import (
     claim_job,
@@ -25,8 +23,7 @@ from exceptiondrive_records.work.jobs import (
     finish_scored,
 )
 from exceptiondrive_records.work.tables import Job
-from exceptiondrive_schemas.api.own_entries import replaced_entry, to_confirm
-from exceptiondrive_schemas.api.submission import SubmissionStatus
+from exceptiondrive_schemas.api.own_entries import to_confirm
 from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.split import SplitRef
@@ -44,10 +41,13 @@ from exceptiondrive_worker.splits.floors_held import (
 from exceptiondrive_worker.splits.store import SplitUnavailableError
 from exceptiondrive_worker.stages import RejectedUpload, Target
 
+_AWAY: dict[type[Exception], str] = {
+    FloorsUnreadableError: "floors unreadable",
+    Conflict: "protocol refused",
+    SplitUnavailableError: "split unavailable",
+}
 _CANNOT_LOAD = (ArithmeticError, LookupError, MemoryError, OSError, TypeError, ValueError)
 """One split that trips the loader must not keep the jobs of all others waiting."""
-MAX_LOOKED_AT = 200
-"""So many of a team's newest scored submissions are looked through for the one that is replaced."""
 _KEY = tuple_(Job.protocol_digest, Job.split_revision)
 _SENT = (
     select(
@@ -109,14 +109,9 @@ def _is_here(context: WorkerContext, session: Session, name: str, key: ScoringKe
         protocol = find_protocol(session, key.protocol_digest)
         context.splits.floors(name)
         context.splits.find(name, key.split_revision, protocol)
-    except FloorsUnreadableError as error:
-        _log.error("floors unreadable: its jobs stay queued", **ids, reason=str(error))
-        return False
-    except Conflict as error:
-        _log.error("protocol refused: its jobs stay queued", **ids, reason=str(error))
-        return False
-    except SplitUnavailableError as error:
-        _log.error("split unavailable: its jobs stay queued", **ids, reason=str(error))
+    except tuple(_AWAY) as error:
+        what = _AWAY[type(error)]
+        _log.error(f"{what}: its jobs stay queued", **ids, reason=str(error))
         return False
     except SplitRefusedError as error:
         _log.error("split refused", **ids, reason=str(error))
@@ -148,8 +143,8 @@ def _score(context: WorkerContext, job: Job) -> None:
         scored = context.stages.score(target)
     except RejectedUpload as rejected:
         with context.database.write() as session:
-            outcome = finish_rejected(session, job, rejected.report)
-        _log.info("rejected", **_ids(job), outcome=outcome.value)
+            is_recorded = finish_rejected(session, job, rejected.report)
+        _log.info("rejected", **_ids(job), is_recorded=is_recorded)
         return
     published = Rounding.of(target, is_public=is_public).sheet(scored.sheet)
     with (
@@ -159,7 +154,7 @@ def _score(context: WorkerContext, job: Job) -> None:
         if not is_public:
             floors = context.splits.floors(ref.name)
             hold_floors_again(session, floors, ref, protocol, newcomer)
-        outcome = finish_scored(
+        is_recorded = finish_scored(
             session,
             job,
             published,
@@ -167,7 +162,7 @@ def _score(context: WorkerContext, job: Job) -> None:
             measurement_key=scored.measurement_key,
             scorer_version=SCORER_VERSION,
         )
-    _log.info("scored", **_ids(job), outcome=outcome.value)
+    _log.info("scored", **_ids(job), is_recorded=is_recorded)
 
 
 def _require_nothing_to_ask(context: WorkerContext, target: Target, submission_id: str) -> None:
@@ -181,18 +176,7 @@ def _require_nothing_to_ask(context: WorkerContext, target: Target, submission_i
     """
     report = context.stages.report(target)
     with context.database.read() as session:
-        submission = session.get_one(Submission, submission_id)
-        phase = session.get_one(Phase, submission.phase_id)
-        scored, _ = submission_page(
-            session,
-            team_id=submission.team_id,
-            phase_id=phase.id,
-            status=SubmissionStatus.SCORED,
-            limit=MAX_LOOKED_AT,
-        )
-        own = views(session, [each for each in scored if each.id != submission_id])
-        is_open = not is_late(phase, submission)
-    replaced = replaced_entry(own, submission.method, phase.policy, is_open=is_open)
+        replaced = entry_replaced_by(session, session.get_one(Submission, submission_id))
     asked = tuple(to_confirm(report.unranked_because, replaced).values())
     if report.is_valid and asked:
         raise RejectedUpload(report.model_copy(update={"to_confirm": asked}))

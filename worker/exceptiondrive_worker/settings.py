@@ -7,7 +7,6 @@ from pydantic import Field, model_validator
 
 from exceptiondrive_records.db.settings import RecordsSettings, Seconds
 from exceptiondrive_records.work.heartbeats import HEARTBEAT_TTL_S
-from exceptiondrive_schemas.check import MAX_INFLATED_BYTES
 
 MEBIBYTE = 2**20
 
@@ -17,8 +16,6 @@ class WorkerSettings(RecordsSettings):
 
     splits_dir: Path = Path("hidden_splits")
     private_dir: Path = Path("data/private")
-    max_upload_bytes: Annotated[int, Field(ge=1)] = 16 * MEBIBYTE
-    max_inflated_bytes: int = MAX_INFLATED_BYTES
     soft_time_limit_s: Seconds = 75.0
     """A scoring run that lasts longer is stopped and tried again."""
     time_limit_s: Seconds = 90.0
@@ -46,10 +43,5 @@ class WorkerSettings(RecordsSettings):
             raise ValueError(
                 "EXCEPTIONDRIVE_HEARTBEAT_EVERY_S must be at most half of "
                 "EXCEPTIONDRIVE_HEARTBEAT_TTL_S"
-            )
-        if self.max_inflated_bytes < self.max_upload_bytes:
-            raise ValueError(
-                "EXCEPTIONDRIVE_MAX_INFLATED_BYTES must be at least EXCEPTIONDRIVE_MAX_UPLOAD_BYTES: "
-                "a file may be plain JSON"
             )
         return self

@@ -15,7 +15,7 @@ from pydantic import ValidationError
 
 from exceptiondrive_schemas.base import canonical_json
 from exceptiondrive_schemas.challenges import Challenge
-from exceptiondrive_schemas.check import check
+from exceptiondrive_schemas.check import MAX_INFLATED_BYTES, check
 from exceptiondrive_schemas.faults import CheckReport, Fault, FaultCode, FaultGroup
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.score_sheet import ScoreSheet
@@ -178,6 +178,7 @@ class Stages:
             protocol=target.read_under or target.protocol,
             manifest=target.split.manifest,
             challenge=target.challenge.id,
+            max_upload_bytes=MAX_INFLATED_BYTES,
         ).report
 
     def answers(self, target: Target) -> Columns:

@@ -12,7 +12,6 @@ from zlib_ng import zlib_ng
 from exceptiondrive_schemas.challenges import PLANNING, STRATEGY, Challenge, ChallengeId
 from exceptiondrive_schemas.check import (
     MAX_INFLATED_BYTES,
-    MAX_UPLOAD_BYTES,
     UnreadableFileError,
     check,
     inflate,
@@ -39,25 +38,17 @@ def read_upload(
     challenge: Challenge,
     manifest: Manifest,
     protocol: ProtocolDocument,
-    *,
-    max_upload_bytes: int = MAX_UPLOAD_BYTES,
-    max_inflated_bytes: int = MAX_INFLATED_BYTES,
 ) -> Columns | CheckReport:
     """Read an upload completely, or say everything that is wrong with it.
 
-    It is plain JSON or gzip; `max_inflated_bytes` bounds the JSON in it.
+    It is plain JSON or gzip. The server has judged its size; the JSON in it is bounded here.
 
     Returns:
         Named arrays in the order of the manifest, as `ChallengeScoring.measure` takes them; or the
         report with every fault.
     """
     try:
-        text = inflate(
-            data,
-            max_upload_bytes=max_upload_bytes,
-            max_inflated_bytes=max_inflated_bytes,
-            library=zlib_ng,
-        )
+        text = inflate(data, max_upload_bytes=MAX_INFLATED_BYTES, library=zlib_ng)
         fast_reader = FAST_READERS.get(challenge.id)
         columns = fast_reader(text, manifest, protocol) if fast_reader else None
     except UnreadableFileError:
@@ -69,8 +60,7 @@ def read_upload(
         protocol=protocol,
         manifest=manifest,
         challenge=challenge.id,
-        max_upload_bytes=max_upload_bytes,
-        max_inflated_bytes=max_inflated_bytes,
+        max_upload_bytes=MAX_INFLATED_BYTES,
     )
     if checked.document is None:
         return checked.report.to_keep()

@@ -34,6 +34,7 @@ from exceptiondrive_schemas.method_facts import Links
 _Named = TypeVar("_Named", BoardEntry, BoardLeader, EntryNews, EntryChange)
 BOARD_LINES = ("board published", "board built")
 """What the audit log says of a new board: readers see it, or it is kept back."""
+_A_DRAFT = "it is a draft"
 MAX_NEWS = 20
 """Of a board that changes more, as by a new part of the split, the others are counted."""
 
@@ -45,7 +46,7 @@ def publish_board(
 
     Number and date are given here; what may not be shown yet is left out here, so that it is in
     nothing that is served. A board that says what the latest one of this protocol says is not
-    appended again. While the phase is frozen its pointers stay.
+    appended again, unless nobody saw that: numbers of public boards would tell whether a draft changed. While the phase is frozen its pointers stay.
 
     Returns:
         The row that holds the board; None when the lease was lost and nothing was recorded.
@@ -72,7 +73,7 @@ def _kept_back(phase: Phase, request: BoardRequest, now: datetime) -> str:
     """Say why readers do not see a board as soon as it is built; nothing where they do."""
     shown = (phase.protocol_digest, phase.split_revision)
     if shown != (request.protocol_digest, request.split_revision):
-        return "it is a draft"
+        return _A_DRAFT
     return "the board is frozen" if frozen_since(phase, now) is not None else ""
 
 
@@ -82,7 +83,8 @@ def _kept_or_appended(
     key = ScoringKey(request.protocol_digest, request.split_revision)
     row = latest_board(session, request.phase_id, key, view)
     digest = board.content_digest
-    if row is not None and row.digest == digest:
+    is_unseen = kept_back == _A_DRAFT and row is not None and is_draft(session, row)
+    if row is not None and row.digest == digest and not is_unseen:
         return row
     return _append(session, request, board, digest, view, kept_back)
 
@@ -102,26 +104,11 @@ def flip_board(
     before = session.get(BoardRow, phase.current_board_id) if phase.current_board_id else None
     phase.current_board_id = row.id
     at = at or database_now(session)
-    news = _recorded_news(phase, before, row) if before else BoardNews()
+    news = news_between(phase.challenge, before, row) if before else BoardNews()
     flip = BoardFlip(phase_id=phase.id, board_id=row.id, at=at, news=news)
     session.add(flip)
     session.flush()
     return flip
-
-
-def news_between(old: Board, board: Board) -> BoardNews:
-    """Say whose scores are new; between protocols or split revisions, nothing can be compared."""
-    if (old.protocol.digest, old.split.revision) != (board.protocol.digest, board.split.revision):
-        return BoardNews()
-    key = CHALLENGES[board.challenge].metrics[0].key
-    was, now = (
-        {
-            name: _Stood(entry.method, entry.team, entry.rank, entry.metrics.get(key))
-            for name, entry in each.entries_by_submission.items()
-        }
-        for each in (old, board)
-    )
-    return _news_of(was, now)
 
 
 class _Stood(NamedTuple):
@@ -174,16 +161,21 @@ def _runs_before(was: _Standings, now: _Standings) -> dict[str, str]:
     }
 
 
-def _recorded_news(phase: Phase, old: BoardRow, row: BoardRow) -> BoardNews:
-    """`news_between` of two recorded boards, of which little is read: locks are held meanwhile."""
+def news_between(
+    challenge: str, old: BoardRow, row: BoardRow, *, with_aliases: bool = True
+) -> BoardNews:
+    """Say whose scores are new; between protocols or split revisions, nothing can be compared.
+
+    Little of the boards is read: locks are held meanwhile.
+    """
     if (old.protocol_digest, old.split_revision) != (row.protocol_digest, row.split_revision):
         return BoardNews()
-    key = CHALLENGES[phase.challenge].metrics[0].key
-    return _news_of(*(_standings(each, key) for each in (old, row)))
+    key = CHALLENGES[challenge].metrics[0].key
+    return _news_of(*(_standings(each, key, with_aliases) for each in (old, row)))
 
 
-def _standings(row: BoardRow, key: str) -> _Standings:
-    aliases = _aliases_on(row)
+def _standings(row: BoardRow, key: str, with_aliases: bool) -> _Standings:
+    aliases = _aliases_on(row) if with_aliases else {}
     return {
         name: _Stood(
             entry["method"],

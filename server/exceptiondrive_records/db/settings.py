@@ -78,7 +78,7 @@ class RecordsSettings(BaseSettings):
     @field_validator("broker_url")
     @classmethod
     def _broker_is_supported(cls, url: str) -> str:
-        if not url.startswith(("redis://", "rediss://", "redis+socket://", "memory://")):
+        if not url.startswith(("redis://", "rediss://", "redis+socket://")):
             raise ValueError("must start with redis://, rediss:// or redis+socket://")
         try:
             urlsplit(url).port  # noqa: B018 - it is parsed when it is asked for
@@ -89,8 +89,8 @@ class RecordsSettings(BaseSettings):
     @field_validator("file_store_url")
     @classmethod
     def _store_is_supported(cls, url: str) -> str:
-        if not url.startswith(("file:///", "memory://", "s3://")):
-            raise ValueError("must start with file:///, s3:// or memory://")
+        if not url.startswith(("file:///", "s3://")):
+            raise ValueError("must start with file:/// or s3://")
         if url.startswith("s3://") and not urlsplit(url).netloc:
             raise ValueError("must name a bucket: s3://BUCKET")
         return url

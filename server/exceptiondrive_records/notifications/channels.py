@@ -10,7 +10,7 @@ from contextlib import closing, suppress
 from email.message import EmailMessage
 from email.policy import default
 from typing import Annotated, Literal
-from urllib.parse import urlsplit, urlunsplit
+from urllib.parse import SplitResult, urlsplit
 
 import httpx
 import stamina
@@ -44,8 +44,6 @@ class NoticeSettings(RecordsSettings):
             "must be an address, or a name and an address as in The board <no-reply@board.example.org>",
         ),
     ] = "ExceptionDrive <no-reply@localhost>"
-    webhooks_may_be_private: bool = False
-    """Lets webhooks reach our own network and plain http: for tests on one machine alone."""
     deliver_every_s: Seconds = 1.0
     delivery_attempts: Annotated[int, Field(ge=0, le=100)] = 8
     """With none, no webhook is called and no e-mail sent: what waits goes on waiting."""
@@ -75,41 +73,37 @@ def signature(secret: str, timestamp: int, body: bytes) -> str:
     return "sha256=" + hmac.new(secret.encode(), signed, hashlib.sha256).hexdigest()
 
 
-def allowed_address(host: str, port: int, *, may_be_private: bool) -> str:
-    """Return the address to connect to: resolved once, and public.
+def allowed_address(url: SplitResult) -> str:
+    """Return the address to connect to: over https, resolved once, and public.
 
     Raises:
-        NotDelivered: The host is unknown, or one of its addresses is not public.
+        NotDelivered: It is no https, the host is unknown, or one of its addresses is not public.
     """
+    if url.scheme != "https":
+        raise NotDelivered("the webhook is not an https address")
+    host, port = url.hostname or "", url.port or 443
     try:
         found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
     except (OSError, UnicodeError):  # a name that no resolver takes is a UnicodeError
         raise NotDelivered("the host of the webhook is unknown") from None
     addresses = [str(item[4][0]).split("%")[0] for item in found]
-    if not may_be_private and not all(is_public(address) for address in addresses):
+    if not all(is_public(address) for address in addresses):
         raise NotDelivered("the webhook leads to an address that is not public")
     return addresses[0]
 
 
-def send_webhook(
-    url: str, secret: str, body: bytes, timestamp: int, *, may_be_private: bool
-) -> None:
+def send_webhook(url: str, secret: str, body: bytes, timestamp: int) -> None:
     """Send a signed message, a few times if need be; redirects are not followed.
 
-    The Unix time is in the signature: old messages cannot be played again. `may_be_private` lets
-    http and addresses of our own network through, for tests only.
+    The Unix time is in the signature: old messages cannot be played again.
 
     Raises:
         NotDelivered: It did not get there.
     """
     parts = urlsplit(url)
-    host = parts.hostname or ""
-    if parts.scheme != "https" and not may_be_private:
-        raise NotDelivered("the webhook is not an https address")
-    port = parts.port or (443 if parts.scheme == "https" else 80)
-    address = allowed_address(host, port, may_be_private=may_be_private)
+    address = allowed_address(parts)
     at = f"[{address}]" if ":" in address else address
-    pinned = urlunsplit((parts.scheme, f"{at}:{port}", parts.path or "/", parts.query, ""))
+    pinned = parts._replace(netloc=f"{at}:{parts.port or 443}", path=parts.path or "/").geturl()
     headers = {
         "Host": parts.netloc,
         "Content-Type": "application/json",
@@ -118,7 +112,7 @@ def send_webhook(
         SIGNATURE_HEADER: signature(secret, timestamp, body),
     }
     try:
-        asyncio.run(_post_in_time(pinned, host, headers, body))
+        asyncio.run(_post_in_time(pinned, parts.hostname or "", headers, body))
     except TimeoutError:
         raise NotDelivered(f"the webhook took longer than {_LONGEST_S:g} s") from None
     except httpx.HTTPError as error:

@@ -38,7 +38,6 @@ MAX_ASKED_A_DAY = 3
 MAX_ASKED_BY_ONE = 2
 """Of these by one team, so that it takes no other team's."""
 _EMAIL = re.compile(r"[A-Za-z0-9._%+-]{1,64}@(?:[A-Za-z0-9-]{1,63}\.)+[A-Za-z]{2,24}")
-_LOOPBACK = ("localhost", "127.0.0.1", "::1")
 
 
 def add_contact(
@@ -49,13 +48,11 @@ def add_contact(
     *,
     actor: str,
     wishes: Sequence[Wish] = ("updates",),
-    may_be_private: bool = False,
 ) -> ContactPoint:
     """Let a team be told at an address; a webhook gets a secret that signs what is sent.
 
     An e-mail address is written to once, and told nothing more until whoever reads there confirms
-    it. One that said no by the link in a mail is asked by no team until the no is taken back. `may_be_private` lets http
-    to this very machine through, for tests.
+    it. One that said no by the link in a mail is asked by no team until the no is taken back.
 
     Raises:
         NotAllowed: The team is not approved yet: strangers would let the site write to anybody.
@@ -65,7 +62,7 @@ def add_contact(
     """
     require_approved(hold_team(session, team_id))
     if channel is Channel.WEBHOOK:
-        _require_webhook(address, may_be_private)
+        _require_webhook(address)
     elif _EMAIL.fullmatch(address) is None:
         raise InvalidRecord(f"{address!r} is not an e-mail address.")
     held = list_contacts(session, team_id)
@@ -311,7 +308,7 @@ def remove_contact(session: Session, team_id: int, contact_id: str, *, actor: st
     audit(session, actor, "contact removed", contact.id, {"team_id": team_id})
 
 
-def _require_webhook(address: str, may_be_private: bool) -> None:
+def _require_webhook(address: str) -> None:
     try:
         parts = urlsplit(address)
         host = parts.hostname
@@ -321,10 +318,9 @@ def _require_webhook(address: str, may_be_private: bool) -> None:
         raise InvalidRecord("The webhook is not an address.") from None
     if not address.isascii() or not address.isprintable() or " " in address:
         raise InvalidRecord("A webhook address holds letters, digits and signs of ASCII alone.")
-    is_local = may_be_private and parts.scheme == "http" and host in _LOOPBACK
-    if len(address) > 500 or not host or (parts.scheme != "https" and not is_local):
+    if len(address) > 500 or not host or parts.scheme != "https":
         raise InvalidRecord("A webhook must be an https:// address of at most 500 characters.")
-    if is_known_private(host) and not is_local:
+    if is_known_private(host):
         raise InvalidRecord(
             "A webhook must lead to a public address; this one is of a private network."
         )

@@ -23,7 +23,13 @@ from exceptiondrive_records.notifications.tables import (
     Delivery,
     Notification,
 )
-from exceptiondrive_records.work.lease import claim, finish, is_claimable, try_later
+from exceptiondrive_records.work.lease import (
+    claim,
+    finish,
+    is_claimable,
+    try_later,
+    wait_before_next_s,
+)
 from exceptiondrive_records.work.tables import WorkState
 from exceptiondrive_schemas.api.notifications import NotificationView
 
@@ -115,7 +121,6 @@ def _send(delivery: Delivery, contact: ContactPoint, body: str, settings: Notice
         contact.secret or "",
         body.encode("utf-8"),
         int(delivery.leased_at.timestamp()),
-        may_be_private=settings.webhooks_may_be_private,
     )
 
 
@@ -129,5 +134,5 @@ def _record(
     if delivery.attempts >= settings.delivery_attempts:
         finish(session, delivery, WorkState.FAILED, note=error)
     else:
-        wait_s = settings.delivery_backoff_s * 2 ** (delivery.attempts - 1)
+        wait_s = wait_before_next_s(delivery, settings.delivery_backoff_s)
         try_later(session, delivery, wait_s, note=error)

@@ -22,7 +22,6 @@ from exceptiondrive_records.db.columns import DocumentText
 from exceptiondrive_records.db.errors import Conflict, NotFound, StoreError, Violation
 from exceptiondrive_records.operations.dump import file_digests
 from exceptiondrive_records.operations.unlogged import (
-    board_in,
     unlogged_disqualifications,
     unlogged_flips,
     unlogged_forgetting,
@@ -69,6 +68,15 @@ def broken_boards(session: Session) -> Iterator[Violation]:
         for rule, text in _faults(session, row, totals, references):
             yield Violation(rule, subject, text)
     yield from _pointers(session)
+
+
+def board_in(body: str) -> Board:
+    """Return the board that a recorded text is, read as strictly as any document.
+
+    Raises:
+        ValidationError: It is no board.
+    """
+    return Board.model_validate_json(body)
 
 
 def _faults(

@@ -1,7 +1,6 @@
 """Scoring jobs: claimed in fair order; score, status, audit line and board request are one step."""
 
 from datetime import datetime, timedelta
-from enum import StrEnum
 from functools import lru_cache
 from typing import Any
 
@@ -16,7 +15,14 @@ from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.work.board_requests import want_board
 from exceptiondrive_records.work.fair_share import fair_order, waits
-from exceptiondrive_records.work.lease import claim, finish, give_up, new_item, try_later
+from exceptiondrive_records.work.lease import (
+    claim,
+    finish,
+    give_up,
+    new_item,
+    try_later,
+    wait_before_next_s,
+)
 from exceptiondrive_records.work.tables import Job, WorkState
 from exceptiondrive_schemas.api.submission import WAITING, SubmissionStatus
 from exceptiondrive_schemas.faults import CheckReport
@@ -49,15 +55,6 @@ EXHAUSTED_MESSAGE = (
     "Scoring did not finish in any of its attempts. The organizers see this; your quota is "
     "not used up by it."
 )
-
-
-class Finish(StrEnum):
-    """How finishing ended."""
-
-    RECORDED = "recorded"
-    RETRY_LATER = "retry_later"
-    LEASE_LOST = "lease_lost"
-    """Another claim came between, or the submission was withdrawn: nothing was recorded."""
 
 
 def new_job(
@@ -117,14 +114,15 @@ def finish_scored(
     exact_digest: str,
     measurement_key: str,
     scorer_version: str,
-) -> Finish:
+) -> bool:
     """Record a score sheet: job, sheet, status, audit line and board request, or none of them.
 
     The sheet is rounded for publication. The unrounded one, whose digest is told, stays with the
-    worker, and so do the measurements of `measurement_key`, in its private store.
+    worker, and so do the measurements of `measurement_key`, in its private store. As all that finishes,
+    it says whether the lease was still held: otherwise nothing was recorded.
     """
     if not finish(session, job):
-        return Finish.LEASE_LOST
+        return False
     key = (job.protocol_digest, job.split_revision)
     given = {"submission": job.submission_id, "protocol": key[0], "revision": key[1]}
     phase, kept_digest = session.execute(_PHASE_AND_KEPT_DIGEST, given).one()
@@ -149,13 +147,13 @@ def finish_scored(
         want_board(session, phase.id, job.protocol_digest, job.split_revision)
     detail = {"protocol": job.protocol_digest, "exact_digest": exact_digest}
     audit(session, _ACTOR, "submission scored", job.submission_id, detail)
-    return Finish.RECORDED
+    return True
 
 
-def finish_rejected(session: Session, job: Job, report: CheckReport) -> Finish:
+def finish_rejected(session: Session, job: Job, report: CheckReport) -> bool:
     """Record that the file is wrong, with the report that lists every fault."""
     if not finish(session, job):
-        return Finish.LEASE_LOST
+        return False
     if job.is_first:
         until = database_now(session) + CONFIRM_WITHIN if report.to_confirm else None
         values = {"report": report, "confirm_until": until}
@@ -163,7 +161,7 @@ def finish_rejected(session: Session, job: Job, report: CheckReport) -> Finish:
     faults = {group.code.value: group.count for group in report.faults}
     detail = {"protocol": job.protocol_digest, "faults": faults}
     audit(session, _ACTOR, "submission rejected", job.submission_id, detail)
-    return Finish.RECORDED
+    return True
 
 
 def finish_failed(
@@ -176,7 +174,7 @@ def finish_failed(
     counts: bool = True,
     max_attempts: int = 4,
     backoff_s: float = 2.0,
-) -> Finish:
+) -> bool:
     """Record that we could not score: try again after a while, or give up.
 
     Code and message are fit for the team, the message one sentence: never a traceback, path or
@@ -185,20 +183,20 @@ def finish_failed(
     """
     detail = {"code": code, "attempt": job.attempts}
     if retry and not (counts and job.attempts >= max_attempts):
-        wait_s = backoff_s * 2 ** (job.attempts - 1)
+        wait_s = wait_before_next_s(job, backoff_s)
         if not try_later(session, job, wait_s, counts=counts, note=code):
-            return Finish.LEASE_LOST
+            return False
         if job.is_first:
             _set_status(session, job.submission_id, SubmissionStatus.QUEUED)
         if counts:
             audit(session, _ACTOR, "scoring to be retried", job.submission_id, detail)
-        return Finish.RETRY_LATER
+        return True
     if not finish(session, job, WorkState.DEAD if retry else WorkState.FAILED, note=code):
-        return Finish.LEASE_LOST
+        return False
     if job.is_first:
         _set_failed(session, job.submission_id, code, message)
     audit(session, _ACTOR, "scoring failed", job.submission_id, detail)
-    return Finish.RECORDED
+    return True
 
 
 def give_up_exhausted(session: Session, max_attempts: int) -> int:

@@ -238,6 +238,11 @@ def try_later(
     return _leave(session, item, _LEAVE, rests_s=wait_s, **given)
 
 
+def wait_before_next_s(item: WorkItem, first_s: float) -> float:
+    """Return how long a failed attempt is followed by none: `first_s` after the first, then twice as long each time."""
+    return first_s * 2.0 ** (item.attempts - 1)
+
+
 def give_up(
     session: Session, kind: type[Item], max_attempts: int, *which: ColumnElement[bool]
 ) -> Sequence[Item]:

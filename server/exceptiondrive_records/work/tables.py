@@ -92,8 +92,9 @@ class WorkItem(Base):
 
     @property
     def subject(self) -> str:
-        """What the audit log calls it."""
-        return f"{self.kind}:{self.key}"
+        """What the audit log calls it: its submission or its run, where it has one."""
+        own = getattr(self, "submission_id", None) or getattr(self, "run_id", None)
+        return own or f"{self.kind}:{self.key}"
 
 
 class Job(WorkItem):
@@ -109,11 +110,6 @@ class Job(WorkItem):
     split_revision: Mapped[str] = mapped_column(nullable=True, use_existing_column=True)
     is_first: Mapped[bool] = mapped_column(nullable=True)
     """The submission shows the fate of this job; a rescoring job leaves it untouched."""
-
-    @property
-    def subject(self) -> str:
-        """The submission."""
-        return self.submission_id
 
 
 class BoardRequest(WorkItem):
@@ -146,11 +142,6 @@ class Profile(WorkItem):
     )
     split_revision: Mapped[str] = mapped_column(nullable=True, use_existing_column=True)
 
-    @property
-    def subject(self) -> str:
-        """The submission."""
-        return self.submission_id
-
 
 class Recheck(WorkItem):
     """A sheet that a verification recomputes; `note` says why it did not come again."""
@@ -165,11 +156,6 @@ class Recheck(WorkItem):
     expected_digest: Mapped[str] = mapped_column(nullable=True)
     found_digest: Mapped[str | None]
 
-    @property
-    def subject(self) -> str:
-        """The submission."""
-        return self.submission_id
-
 
 class Trial(WorkItem):
     """A split that is tried under what a rescoring run leads to."""
@@ -179,11 +165,6 @@ class Trial(WorkItem):
         ForeignKey("rescoring_runs.id"), nullable=True, use_existing_column=True
     )
     trial: Mapped[SplitTrial | None] = mapped_column(DocumentText(SplitTrial))
-
-    @property
-    def subject(self) -> str:
-        """The run."""
-        return self.run_id
 
 
 class Leader(WorkItem):

@@ -142,7 +142,6 @@ def post_contact(
             wanted.address,
             actor=submitter.actor,
             wishes=wanted.wishes,
-            may_be_private=services.settings.webhooks_may_be_private,
         )
         response.headers["Location"] = f"/api/v1/contacts/{contact.id}"
         secret = contact.secret if contact.channel is Channel.WEBHOOK else None

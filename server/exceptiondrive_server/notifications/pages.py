@@ -74,7 +74,6 @@ def post_add(browser: Browser, form: PostedForm) -> Response:
                 address,
                 actor=browser.principal.actor,
                 wishes=_wishes(form),
-                may_be_private=browser.services.settings.webhooks_may_be_private,
             )
             secret = contact.secret if channel is Channel.WEBHOOK else None
     except RecordsError as refusal:

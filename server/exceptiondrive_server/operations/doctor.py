@@ -242,9 +242,6 @@ def _names(database: Database) -> Iterator[Finding]:
 
 
 def _broker(url: str) -> Iterator[Finding]:
-    if url.startswith("memory://"):
-        yield _error("the broker is in memory", "set EXCEPTIONDRIVE_BROKER_URL")
-        return
     client = _client(url)
     try:
         policy = _of_config(client, "maxmemory-policy")

@@ -258,7 +258,8 @@ def confirm_submission(
     """Say yes to what was asked of an upload with `asks_first`: a new submission of it counts.
 
     Confirming twice is one. The deadline is judged by the first byte of the upload, if that came
-    within a quarter of an hour.
+    within a quarter of an hour. Where it would replace another entry than it was asked about, the
+    answer is the same submission with that question: confirm it again.
     """
     return confirmed_upload(services, principal, submission_id)
 

@@ -19,6 +19,7 @@ from exceptiondrive_records.notifications.inbox import tell_about
 from exceptiondrive_records.phases.policy import is_late, is_published, score_kept_back_since
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.edits import edits_of
+from exceptiondrive_records.submissions.questions import is_asked_anew
 from exceptiondrive_records.submissions.submissions import confirm, find_submission
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.submissions.views import view, views
@@ -44,13 +45,17 @@ def confirmed_upload(
 ) -> SubmissionView:
     """Let a submission of a team count that it was asked about, and call a worker.
 
+    Where it would replace another entry by now, nothing counts: it is returned with that question.
+
     Raises:
         RecordsError: It is refused; what was asked stays as it is.
     """
     with services.database.write() as session:
         require_unrevoked(session, principal)
-        find_submission(session, submission_id, team_id=team_of(principal))
-        counted_id = confirm(session, submission_id, actor=principal.actor).id
+        asked = find_submission(session, submission_id, team_id=team_of(principal))
+        counted_id = submission_id
+        if not is_asked_anew(session, asked):
+            counted_id = confirm(session, submission_id, actor=principal.actor).id
     services.dispatcher.wake(Lane.LIVE)
     with services.database.read() as session:
         return told_to(principal, view(session, find_submission(session, counted_id)))

@@ -8,9 +8,7 @@ from urllib.parse import urlsplit
 from pydantic import Field, SecretStr, field_validator, model_validator
 
 from exceptiondrive_records.db.settings import RecordsSettings, SiteUrl
-
-MEBIBYTE = 1024 * 1024
-
+from exceptiondrive_schemas.check import MAX_INFLATED_BYTES, MAX_UPLOAD_BYTES
 
 LOOPBACK = ("127.0.0.1", "::1", "localhost")
 
@@ -37,7 +35,7 @@ class ServerSettings(RecordsSettings):
     oidc_client_secret: SecretStr = SecretStr("")
     oidc_name: Annotated[str, Field(max_length=40)] = "single sign-on"
     """How the button of the sign-in page calls the provider."""
-    max_upload_bytes: Annotated[int, Field(ge=1024, le=1024 * MEBIBYTE)] = 16 * MEBIBYTE
+    max_upload_bytes: Annotated[int, Field(ge=1024, le=MAX_INFLATED_BYTES)] = MAX_UPLOAD_BYTES
     uploads_at_once: Annotated[int, Field(ge=1, le=10_000)] = 32
     """Uploads that one process takes at a time; more are told to come again (503)."""
     uploads_at_once_per_team: Annotated[int, Field(ge=1, le=10_000)] = 4
@@ -52,8 +50,6 @@ class ServerSettings(RecordsSettings):
     """How long a cache may serve a board without asking again."""
     events_every_s: Annotated[float, Field(gt=0, le=60)] = 0.5
     """How often a followed submission is looked at."""
-    webhooks_may_be_private: bool = False
-    """Takes webhooks to this very machine, over http: for tests alone."""
     events_longest_s: Annotated[float, Field(gt=0, le=3600)] = 300.0
     """After this a follower connects again."""
 

@@ -56,7 +56,9 @@ def test_every_template_of_words_can_be_filled(challenge: Challenge) -> None:
     assert shares == sorted(shares, reverse=True)
     assert shares[-1] == 0
     for _, text in words.headline.by_share:
-        assert "{" not in text.format(often="in one of 3", rest="in 2 of 3")
+        assert "{" not in text.format(
+            the="The", even_the="Even the", often="in one of 3", rest="in 2 of 3"
+        )
     assert words.scene_caption.format(clearance_m=1.0, d_safe_m=2.0, hcc=0.5).count("**") % 2 == 0
     assert set(words.covered) <= set(Coverage.model_fields)
     assert {part.metric for part in words.outcome} <= set(challenge.metric_keys)
