@@ -110,7 +110,7 @@ def _is_here(context: WorkerContext, session: Session, name: str, key: ScoringKe
         context.splits.floors(name)
         context.splits.find(name, key.split_revision, protocol)
     except tuple(_AWAY) as error:
-        what = _AWAY[type(error)]
+        what = next(words for kind, words in _AWAY.items() if isinstance(error, kind))
         _log.error(f"{what}: its jobs stay queued", **ids, reason=str(error))
         return False
     except SplitRefusedError as error:

@@ -194,7 +194,7 @@ def reveal(
     options.require_one_of("--what", what, REVEALED)
     if what == "board" and organizer.phase(phase_id)["policy"]["frozen_scores"] == "hidden":
         say(
-            "Once the deadline of the phase has passed, it moves no more after this reveal, and later ones "
+            "Once the deadline of the phase has passed, this reveal lets it move no more, and later ones "
             f"of single teams end: {organizer.server}/organize/phases/{phase_id}/reveal-board names any."
         )
     if what != "split":  # which a run shows, and can take back
