@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from playwright.sync_api import Browser, Page, ViewportSize, expect
+from playwright.sync_api import Browser, Page, Route, ViewportSize, expect
 from tests.server.pages.page_site import Site
 from tests.support.browser import Look, axe_violations, look_at
 
@@ -184,6 +184,26 @@ def test_back_after_a_search_leads_to_the_whole_list(visit: Visit) -> None:
     page.go_back()
     expect(page.locator("#found")).to_be_empty()
     expect(page.locator("#board-rows tr[id^='e-']")).to_have_count(20)
+    assert page.url.endswith("/?phase=long&rows=20")
+
+
+def test_back_after_a_search_leads_to_the_whole_list_also_where_its_first_answer_is_late(
+    visit: Visit,
+) -> None:
+    page = visit.open("/?phase=long&rows=20")
+    late: list[Route] = []
+
+    def keep_the_first(route: Route) -> None:
+        if late:
+            route.continue_()
+        else:
+            late.append(route)
+
+    page.route(re.compile(r"[?&]q=p"), keep_the_first)
+    page.locator("input[name=q]").press_sequentially("planner 7", delay=200)
+    expect(page.locator("#found")).to_contain_text("found for \u201cplanner 7\u201d.")
+    page.go_back()
+    expect(page.locator("#found")).to_be_empty()
     assert page.url.endswith("/?phase=long&rows=20")
 
 

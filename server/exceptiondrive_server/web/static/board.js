@@ -42,6 +42,7 @@
     const again = (id && document.getElementById(id)) || (name && document.querySelector(`#${place} [data-key="${name}"]`));
     again?.focus({ preventScroll: true });
     dress();
+    return true;
   };
   const wanted = () => `/?${new URLSearchParams(new FormData(form))}`;
   // A link within the page changes its fragment alone.
@@ -69,7 +70,7 @@
   let pause = 0, isUnderWay = false;
   form.elements.q.addEventListener("input", () => {
     clearTimeout(pause);
-    pause = setTimeout(() => { show(wanted(), !isUnderWay); isUnderWay = true; }, 160);
+    pause = setTimeout(async () => { if (await show(wanted(), !isUnderWay)) isUnderWay = true; }, 160);
   });
   form.elements.q.addEventListener("change", () => { isUnderWay = false; });
   document.addEventListener("keydown", (event) => {
