@@ -61,7 +61,7 @@ def test_large_quotas_have_their_thousands_apart(
     organizer.sign_in("organizer")
     for browser, page, words in (
         (team, "/phases/many", "1,234 a team and day, 56,789 in all"),
-        (team, "/phases/many", "Of all teams together workers score at most a number a day"),
+        (team, "/phases/many", "limits how many files of all teams are scored a day"),
         (team, "/my", "1,234 of 1,234"),
         (team, "/my", "56,789 of 56,789"),
         (team, "/submit?phase=many", "1,234"),
