@@ -1,13 +1,18 @@
 """What an organizer's token may do: teams, tokens, phases, protocols, rescoring, splits, audit.
 
-Answers are JSON objects as the page `/api` of the server and its `/api/v1/openapi.json` tell them (`organizers`).
+Answers are JSON objects as the page `/api` of the server and its `/api/v1/openapi.json` tell them (`organizers`);
+runs, previews, verifications and what is alike are documents of these names.
 """
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, TypeVar
 
-from exceptiondrive.transport import Connection, Record, Transport, quoted
+from exceptiondrive.transport import Connection, Record, Transport, quoted, read_answer
+from exceptiondrive_schemas.api.rescoring import PreviewView, RunView, VerificationView
+from exceptiondrive_schemas.api.similarity import SimilarityReport
+from exceptiondrive_schemas.base import Document
 
+_Read = TypeVar("_Read", bound=Document)
 MAX_ARCHIVE_BYTES = 2**36
 """Of every upload of a phase, which an organizer's own server packs."""
 
@@ -164,9 +169,10 @@ class Organizer(Connection):
         """Return a submission with its jobs, recomputations, edits, notices and audit lines."""
         return self._transport.record(self._path_of(submission_id))
 
-    def verify_submission(self, submission_id: str, reason: str) -> Record:
+    def verify_submission(self, submission_id: str, reason: str) -> VerificationView:
         """Ask for its score to be made again from the upload; follow it by `rescoring.verification`."""
-        return self._do_with(submission_id, "verify", reason=reason)
+        path, said = self._path_of(submission_id, "verify"), {"json": {"reason": reason}}
+        return read_answer(VerificationView.read, self._transport.post(path, lambda: said, False))
 
     def restore_submission(self, submission_id: str, reason: str) -> Record:
         """Let a withdrawn submission stand again."""
@@ -224,9 +230,10 @@ class Organizer(Connection):
         """Change settings of a phase; what is left out stays, None takes a limit or date away."""
         return self._transport.patch(_at("phases", phase_id), changes)
 
-    def similar(self, phase_id: str) -> Record:
+    def similar(self, phase_id: str) -> SimilarityReport:
         """Return which submissions of a phase are alike, and which teams may be probing."""
-        return self._transport.record(_at("phases", phase_id, "similar"))
+        answer = self._transport.get(_at("phases", phase_id, "similar"))
+        return read_answer(SimilarityReport.read, answer)
 
     def site(self) -> Record:
         """Return the links of the site."""
@@ -340,43 +347,47 @@ class Rescoring:
         """Validate a protocol document and return what it changes; nothing is kept."""
         return self._transport.post_toml("/organizer/protocols/check", toml, {"phase": phase})
 
-    def runs(self, phase: str | None = None) -> list[Record]:
+    def runs(self, phase: str | None = None) -> tuple[RunView, ...]:
         """Return runs, newest first."""
-        return self._transport.records("/organizer/rescoring", {"phase": phase})
+        answer = self._transport.get("/organizer/rescoring", {"phase": phase})
+        return read_answer(RunView.read_all, answer)
 
-    def run(self, run_id: str) -> Record:
+    def run(self, run_id: str) -> RunView:
         """Return one run."""
-        return self._get(run_id)
+        return self._get(RunView, run_id)
 
     def draft(
         self, phase: str, protocol: str | None, split_revision: str | None, reason: str
-    ) -> Record:
+    ) -> RunView:
         """Draft a run to a protocol, a split revision, or both."""
         wanted = {"protocol": protocol, "split_revision": split_revision}
-        return self._do(phase=phase, **wanted, reason=reason)
+        return self._do(RunView, phase=phase, **wanted, reason=reason)
 
-    def step(self, run_id: str, step: str, reason: str, **more: str) -> Record:
+    def step(self, run_id: str, step: str, reason: str, **more: str) -> RunView:
         """Take a step: start, pause, resume, apply, cancel, rollback or close."""
-        return self._do(run_id, step, reason=reason, **more)
+        return self._do(RunView, run_id, step, reason=reason, **more)
 
-    def preview(self, run_id: str, seen: str | None = None) -> Record:
+    def preview(self, run_id: str, seen: str | None = None) -> PreviewView:
         """Return the comparison that the next flip would make true."""
-        return self._get(run_id, "preview", seen=seen)
+        return self._get(PreviewView, run_id, "preview", seen=seen)
 
     def preview_csv(self, run_id: str) -> str:
         """Return the comparison as CSV."""
         return self._transport.get(_at("rescoring", run_id, "preview.csv")).text
 
-    def start_verification(self, phase: str, sample: int | None, reason: str) -> Record:
+    def start_verification(self, phase: str, sample: int | None, reason: str) -> VerificationView:
         """Ask for sheets to be recomputed from their uploads."""
-        return self._do("verifications", phase=phase, sample=sample, reason=reason)
+        return self._do(
+            VerificationView, "verifications", phase=phase, sample=sample, reason=reason
+        )
 
-    def verification(self, verification_id: str) -> Record:
+    def verification(self, verification_id: str) -> VerificationView:
         """Return what a verification has come to."""
-        return self._get("verifications", verification_id)
+        return self._get(VerificationView, "verifications", verification_id)
 
-    def _get(self, *where: str, **query: str | None) -> Record:
-        return self._transport.record(_at("rescoring", *where), query)
+    def _get(self, kind: type[_Read], *where: str, **query: str | None) -> _Read:
+        return read_answer(kind.read, self._transport.get(_at("rescoring", *where), query))
 
-    def _do(self, *where: str, **said: Any) -> Record:
-        return self._transport.post_once(_at("rescoring", *where), said)
+    def _do(self, kind: type[_Read], *where: str, **said: Any) -> _Read:
+        path = _at("rescoring", *where)
+        return read_answer(kind.read, self._transport.post(path, lambda: {"json": said}, False))

@@ -82,6 +82,17 @@ def counted(count: int, noun: str, plural: str | None = None) -> str:
     return f"{count:,} {noun if count == 1 else plural or noun + 's'}"
 
 
+def duration_words(seconds: float) -> str:
+    """Write a length of time in its largest unit: `12 s`, `5 minutes`, `3 hours`, `2 days`."""
+    if seconds < 90:
+        return f"{max(0, round(seconds))} s"
+    if seconds < 90 * 60:
+        return counted(round(seconds / 60), "minute")
+    if seconds < 36 * 3600:
+        return counted(round(seconds / 3600), "hour")
+    return counted(round(seconds / 86400), "day")
+
+
 def percent_of(n: int, of: int) -> str:
     """Return a share in per cent, to two places; a dash where nothing came in."""
     return f"{100 * n / of:.2f} %" if of else "–"

@@ -2,6 +2,7 @@ import json
 import re
 import tarfile
 from collections.abc import Callable
+from datetime import datetime, timezone
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,8 +18,22 @@ from exceptiondrive import Client, to_dataframe
 from exceptiondrive.cli import app
 from exceptiondrive.cli.organizer import rescoring
 from exceptiondrive_records.audit.log import SPLIT_FLOOR_HELD, audit
+from exceptiondrive_schemas.api.rescoring import (
+    Comparison,
+    EntryChange,
+    PreviewView,
+    Progress,
+    RunState,
+    RunView,
+    SplitTrial,
+    Standing,
+)
 from exceptiondrive_schemas.api.similarity import SimilarityReport
+from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.protocol import packaged_protocol_toml
+from exceptiondrive_schemas.protocols.difference import Difference, Stage
+from exceptiondrive_schemas.score_sheet import ProtocolRef
+from exceptiondrive_schemas.split import SplitRef
 
 if TYPE_CHECKING:
     from tests.client.servers import CannedServer, Running
@@ -450,11 +465,39 @@ def test_a_name_that_is_not_known_is_answered_by_what_lists_them(
     assert CliRunner().invoke(app, [*listed_by.split(), "--help"]).exit_code == 0
 
 
+VERSION = ProtocolRef(version="1.0", digest="sha256:2")
+SIDES: Any = {"from_protocol": VERSION, "to_protocol": VERSION}
+SIDES |= {
+    f"{end}_split": SplitRef(name="tiny", revision=f"sha256:{digit * 64}")
+    for end, digit in (("from", "5"), ("to", "7"))
+}
+
+
+def run_in(state: RunState, trial: SplitTrial | None = None) -> Any:
+    """What the server answers of a run."""
+    ended: Any = dict.fromkeys(("started_at", "applied_at", "ended_at"))
+    difference = Difference(changes=(), stage=Stage.NONE, n_sheets=0, sentence="Nothing else.")
+    return RunView(
+        id="R",
+        phase="dev",
+        state=state,
+        reason="why",
+        actor="token:x",
+        created_at=datetime(2026, 11, 20, tzinfo=timezone.utc),
+        progress=Progress(done=1, total=1, failed=0),
+        blockers=(),
+        difference=difference,
+        trial=trial,
+        **SIDES,
+        **ended,
+    ).model_dump(mode="json")
+
+
 def test_where_the_server_dies_after_the_draft_what_will_work_is_named(
     canned_server: "CannedServer",
 ) -> None:
     """The same command again would be refused: a phase has one open run."""
-    canned_server.answer("POST /organizer/rescoring", 200, {"id": "R", "trial": None})
+    canned_server.answer("POST /organizer/rescoring", 200, run_in(RunState.DRAFT))
     canned_server.problem("POST /organizer/rescoring/R/start", 503, "store_unavailable")
     to = {"EXCEPTIONDRIVE_SERVER": canned_server.url, "EXCEPTIONDRIVE_TOKEN": "edk_x"}
     words = ("organizer", "rescore", "start", "--phase", "dev", "--protocol", "1.1")
@@ -469,7 +512,7 @@ def test_what_is_to_be_typed_after_a_split_that_nobody_tried_can_be_typed(
     canned_server: "CannedServer", monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(rescoring, "_MAX_LOOKS", 1)
-    waiting = {"id": "R", "trial": {"state": "waiting"}}
+    waiting = run_in(RunState.DRAFT, SplitTrial())
     canned_server.answer("POST /organizer/rescoring", 200, waiting)
     canned_server.answer("GET /organizer/rescoring/R", 200, waiting)
     to = {"EXCEPTIONDRIVE_SERVER": canned_server.url, "EXCEPTIONDRIVE_TOKEN": "edk_x"}
@@ -483,39 +526,36 @@ def test_a_preview_and_an_apply_say_whose_deadline_a_reveal_ends(
     canned_server: "CannedServer",
 ) -> None:
     words = "Beta has a deadline of its own, 2026-12-01 12:00 UTC: it ends with the reveal."
-    version = {"version": "1.0"}
-    counts = dict.fromkeys(
+    revisions = f"{'5' * 12} -> {'7' * 12}"
+    counts: Any = dict.fromkeys(
         ("old_board", "new_board", "n_entries", "n_numbers_changed", "n_ranks_changed",
          "n_newly_failing"), 1)  # fmt: skip
-    sides = {"challenge": "planning", "from_protocol": version, "to_protocol": version}
-    sides |= {
-        f"{end}_split": {"name": "tiny", "revision": f"sha256:{digit * 64}"}
-        for end, digit in (("from", "5"), ("to", "7"))
-    }
-    revisions = f"{'5' * 12} -> {'7' * 12}"
-    gone = {
-        "submission_id": "s",
-        "method": "Third",
-        "team": "Alef",
-        "old": {"rank": 1},
-        "new": None,
-        "newly_failing": True,
-        "change": "disappears",
-    }
-    preview = {
-        "run": "R",
-        "digest": "sha256:seen",
-        "is_stale": False,
-        "blockers": [],
-        "warnings": [words],
-        "comparison": {**sides, **counts, "entries": [gone], "worst_movers": []},
-    }
-    progress = {"done": 1, "total": 1, "failed": 0, "sheets_per_s": None, "remaining_s": None}
-    difference = {"sentence": "Nothing else.", "changes": []}
-    run = {**sides, "id": "R", "state": "applied", "phase": "dev", "blockers": []}
-    run |= {"progress": progress, "difference": difference}
+    ranked = Standing(rank=1, rank_interval=None, unranked_because=None, metrics={}, families={})
+    gone = EntryChange(
+        submission_id="s",
+        method="Third",
+        team="Alef",
+        change="disappears",
+        newly_failing=True,
+        old=ranked,
+        new=None,
+        rank_shift=None,
+        metric_shifts={},
+        family_shifts={},
+    )
+    comparison = Comparison(
+        phase="dev", challenge=PLANNING.id, worst_movers=(), entries=(gone,), **SIDES, **counts
+    )
+    preview = PreviewView(
+        run="R",
+        digest="sha256:seen",
+        is_stale=False,
+        blockers=(),
+        warnings=(words,),
+        comparison=comparison,
+    ).model_dump(mode="json")
     canned_server.answer("GET /organizer/rescoring/R/preview", 200, preview)
-    canned_server.answer("POST /organizer/rescoring/R/apply", 200, run)
+    canned_server.answer("POST /organizer/rescoring/R/apply", 200, run_in(RunState.APPLIED))
     to = {"EXCEPTIONDRIVE_SERVER": canned_server.url, "EXCEPTIONDRIVE_TOKEN": "edk_x"}
 
     def said(*words: str) -> Any:

@@ -17,7 +17,6 @@ from exceptiondrive.cli.board_commands import phases_table
 from exceptiondrive.cli.fitted_table import Column, FittedTable
 from exceptiondrive.cli.tables import (
     board_view,
-    left_words,
     queue_text,
     quota_table,
     records_table,
@@ -363,7 +362,7 @@ def test_what_is_left_is_told_by_the_limit_that_binds() -> None:
     assert submissions_left(enough).startswith(of_the_day)
     assert submissions_left(enough).endswith("; 19 of 20 left in all")
     assert submissions_left(little) == "2 of 20 submissions left in all"
-    told = [left_words(each) for each in (quota(), enough, little)]
+    told = [each.left_words() for each in (quota(), enough, little)]
     assert told == ["2 of 3 today", "2 of 3 today", "2 of 20 in all"]
 
 

@@ -159,6 +159,24 @@ def test_a_refused_upload_is_said_in_red_below_an_empty_bar_and_stays_in_its_for
     assert page.input_value("input[name=method]") == "Other"
 
 
+def test_only_a_run_of_the_chosen_phase_can_be_linked(
+    api: "Api", my_page: Callable[..., Page], address: str
+) -> None:
+    api.phase("words", challenge="strategy")
+    plain = api.submit("one", phase="words").json()["id"]
+    api.score(plain)
+    page = my_page()
+    page.goto(f"{address}/submit?phase=words")
+    link = page.locator("select[name=linked_to]")
+    link.select_option(plain)
+    page.check("input[name=phase][value=dev]")
+    expect(link).to_be_disabled()
+    expect(link).to_have_value("")
+    page.check("input[name=phase][value=words]")
+    expect(link).to_be_enabled()
+    link.select_option(plain)
+
+
 def test_a_wrong_fact_of_a_method_is_told_and_its_section_stays_open(
     my_page: Callable[..., Page], address: str
 ) -> None:

@@ -448,6 +448,22 @@ def test_what_was_not_confirmed_in_time_says_that_its_file_is_deleted(
     assert (refused.status_code, "Send the file again" in refused.json()["detail"]) == (409, True)
 
 
+def test_what_was_asked_before_a_disqualification_is_not_offered_for_confirmation(
+    api: "Api", alpha: "TeamBrowser"
+) -> None:
+    address = alpha.submit("a", asks_first="true").headers["location"]
+    report = REPORT.model_copy(update={"faults": (), "to_confirm": ("It replaces another.",)})
+    api.reject(address.rpartition("/")[2], report)
+    why = {"reason": "The file was copied."}
+    assert api.post("/organizer/teams/alpha/disqualify", "organizer", json=why).status_code == 201
+    page = alpha.get(address).text
+    assert "It was not confirmed: it counts for nothing." in page
+    assert "It is disqualified since" in page
+    for words in ("Confirm it", "Submit a file</a>", "in time", "The file is wrong"):
+        assert words not in page + alpha.get("/my").text.split("Table of submissions")[1]
+    assert api.post(f"{address}/confirm", "alpha").json()["code"] == "not_allowed"
+
+
 def test_what_an_archived_phase_asked_first_is_not_offered_for_confirmation(
     api: "Api", alpha: "TeamBrowser"
 ) -> None:
@@ -475,6 +491,19 @@ def test_a_scored_submission_shows_its_sheet_then_its_rank(
     page = alpha.get(f"/submissions/{submission_id}").text
     assert f"/entries/{submission_id}" in page
     assert "being built" not in page
+
+
+def test_the_intervals_of_a_submission_have_the_decimals_that_they_have_on_its_board(
+    api: "Api", alpha: "TeamBrowser", make_entry: Callable[..., Any]
+) -> None:
+    submission_id = api.submit("a").json()["id"]
+    api.score(submission_id)
+    entry = make_entry("Planner", submission_id=submission_id)
+    api.publish(entry)
+    assert "40 to 60" in alpha.get(f"/submissions/{submission_id}").text
+    beside = make_entry("Other", rank=2, source="reference", team="Reference")
+    api.publish(entry, beside.model_copy(update={"intervals": {"hcc": (0.4286, 0.6)}}))
+    assert "40.00 to 60.00" in alpha.get(f"/submissions/{submission_id}").text
 
 
 def test_withdrawing_on_the_page_takes_it_off(api: "Api", alpha: "TeamBrowser") -> None:

@@ -10,7 +10,7 @@ from exceptiondrive.cli.fitted_table import Column, FittedTable
 from exceptiondrive.cli.options import one_of, option
 from exceptiondrive.cli.output import Answer, show_result
 from exceptiondrive.cli.session import open_client, with_client
-from exceptiondrive.cli.tables import board_view, left_words
+from exceptiondrive.cli.tables import board_view
 from exceptiondrive.errors import InvalidArgumentError, utc_text
 from exceptiondrive.settings import default_phase, find_setting
 from exceptiondrive_schemas.api.phase_settings import BoardView
@@ -182,7 +182,7 @@ def _left(view: PhaseView, window: str) -> str:
         return "nothing"
     if window.startswith("opens"):
         return f"then {view.quota.per_day if view.quota else view.quota_per_day} a day"
-    return f"{view.quota_per_day} a day" if view.quota is None else left_words(view.quota)
+    return f"{view.quota_per_day} a day" if view.quota is None else view.quota.left_words()
 
 
 def _window(view: PhaseView, now: datetime) -> str:

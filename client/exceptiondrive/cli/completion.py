@@ -45,7 +45,7 @@ submission_ids = _offering(
 )
 teams = _offering(lambda _, own: ((team["id"], team["name"]) for team in own.teams()))
 runs = _offering(
-    lambda _, own: ((run["id"], f"{run['phase']}, {run['state']}") for run in own.rescoring.runs())
+    lambda _, own: ((run.id, f"{run.phase}, {run.state}") for run in own.rescoring.runs())
 )
 """Teams and runs, newest first, are offered to organizers."""
 

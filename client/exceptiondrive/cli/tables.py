@@ -301,18 +301,11 @@ def notices_view(notices: "Iterable[NotificationView]") -> Iterator[RenderableTy
             yield Text(f"  {entry.method}: {before} -> {now}")
 
 
-def left_words(quota: Quota) -> str:
-    """Say what is left, by the limit that binds: of the day, or in all, which no new day resets."""
-    if quota.is_bound_in_all:
-        return f"{quota.left_in_all} of {quota.total} in all"
-    return f"{quota.remaining_today} of {quota.per_day} today"
-
-
 def submissions_left(quota: Quota) -> str:
     """Say how many submissions are left, when the count of the day resets, and how many in all."""
+    text = quota.left_words(" submissions left")
     if quota.is_bound_in_all:
-        return f"{quota.left_in_all} of {quota.total} submissions left in all"
-    text = f"{quota.remaining_today} of {quota.per_day} submissions left today"
+        return text
     in_all = "" if quota.total is None else f"; {quota.left_in_all} of {quota.total} left in all"
     return f"{text}; the count resets at {utc_text(quota.resets_at)}{in_all}"
 

@@ -58,6 +58,8 @@ def question_of(view: SubmissionView, minute: Callable[[datetime], str] = _minut
     if view.status is not SubmissionStatus.REJECTED or not asked:
         return ""
     if view.confirm_until is None:
+        if view.disqualified_at is not None:
+            return "It was not confirmed: it counts for nothing."
         return (
             "It was not confirmed in time: it counts for nothing, and its file is not kept. Send it again "
             "while the phase takes files."

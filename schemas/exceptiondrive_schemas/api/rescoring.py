@@ -9,6 +9,7 @@ from pydantic import Field
 from exceptiondrive_schemas.base import Document, content_digest
 from exceptiondrive_schemas.board import BoardNews
 from exceptiondrive_schemas.challenges import ChallengeId
+from exceptiondrive_schemas.printable import counted, duration_words
 from exceptiondrive_schemas.protocols.difference import Difference
 from exceptiondrive_schemas.python310 import StrEnum
 from exceptiondrive_schemas.score_sheet import Interval, MetricRow, ProtocolRef, ReminderEffect
@@ -128,6 +129,18 @@ class Progress(Document):
     sheets_per_s: float | None = None
     remaining_s: float | None = None
 
+    @property
+    def words(self) -> str:
+        """How far it is: `120 of 200 sheets, 3 failed, 4.1 a second, about 20 s left`."""
+        parts = [f"{self.done:,} of {counted(self.total, 'sheet')}"]
+        if self.failed:
+            parts.append(f"{self.failed:,} failed")
+        if self.sheets_per_s:
+            parts.append(f"{self.sheets_per_s:g} a second")
+        if self.remaining_s and self.done < self.total:
+            parts.append(f"about {duration_words(self.remaining_s)} left")
+        return ", ".join(parts)
+
 
 class TrialFinding(Document):
     """Why a split cannot be scored under what is to come; of a public split, for how many samples."""
@@ -189,7 +202,7 @@ class RunView(Document):
     """Digest of the comparison that `apply` would make true."""
 
 
-Change = Literal["none", "numbers", "rank_only", "appears", "disappears"]
+ChangeKind = Literal["none", "numbers", "rank_only", "appears", "disappears"]
 
 
 class Standing(Document):
@@ -218,7 +231,7 @@ class EntryChange(Document):
     submission_id: str
     method: str
     team: str
-    change: Change
+    change: ChangeKind
     newly_failing: bool
     """It had a rank and has none."""
     old: Standing | None

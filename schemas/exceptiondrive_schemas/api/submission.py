@@ -205,6 +205,15 @@ class Quota(Document):
         left = self.left_in_all
         return left is not None and left < self.per_day - self.used_today
 
+    def left_words(self, what: str = "") -> str:
+        """Say what is left, by the limit that binds: `3 of 5 today`, or `2 of 20 in all`.
+
+        `what` stands behind the numbers, such as ` left`.
+        """
+        if self.is_bound_in_all:
+            return f"{self.left_in_all} of {self.total}{what} in all"
+        return f"{self.remaining_today} of {self.per_day}{what} today"
+
 
 class PhaseView(PhaseSettings):
     """A dated stage of a challenge, with its own split, protocol and limits."""

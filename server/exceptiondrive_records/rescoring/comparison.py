@@ -13,12 +13,12 @@ from exceptiondrive_records.rescoring.progress import count_scored
 from exceptiondrive_records.rescoring.tables import RescoringRun
 from exceptiondrive_records.splits.splits import find_split, list_splits, part_words
 from exceptiondrive_records.splits.tables import SplitRow
-from exceptiondrive_schemas.api.rescoring import Change, Comparison, EntryChange, Standing
+from exceptiondrive_schemas.api.rescoring import ChangeKind, Comparison, EntryChange, Standing
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.datasheet import SplitChange
-from exceptiondrive_schemas.protocols.difference import Change as Change_of_differences
 from exceptiondrive_schemas.protocols.difference import (
+    Change,
     Difference,
     Stage,
     protocol_difference,
@@ -94,7 +94,7 @@ def _standing(entry: BoardEntry | None) -> Standing | None:
     )
 
 
-def _kind(old: Standing | None, new: Standing | None) -> Change:
+def _kind(old: Standing | None, new: Standing | None) -> ChangeKind:
     if old is None:
         return "appears"
     if new is None:
@@ -247,19 +247,17 @@ def split_steps(session: Session, before: SplitRow, after: SplitRow) -> tuple[Sp
     return tuple(reversed(steps)) if revision == before.revision else ()
 
 
-def _revision_changes(
-    session: Session, before: SplitRow, after: SplitRow
-) -> tuple[Change_of_differences, ...]:
+def _revision_changes(session: Session, before: SplitRow, after: SplitRow) -> tuple[Change, ...]:
     n_counted = before.n_samples, after.n_samples
     steps = split_steps(session, before, after)
     changes = split_changes(before.manifest, after.manifest, n_counted, steps)
     if before.public_file_digest is None or after.public_file_digest is not None:
         return changes
     sentence = "the regions of the new revision are withheld; those of the earlier one are public"
-    return (*changes, Change_of_differences(sentence=sentence, stage=Stage.MEASURE))
+    return (*changes, Change(sentence=sentence, stage=Stage.MEASURE))
 
 
-def _part_change(before: SplitRow, after: SplitRow) -> tuple[Change_of_differences, ...]:
+def _part_change(before: SplitRow, after: SplitRow) -> tuple[Change, ...]:
     """Say which samples count, where the part of the split changes."""
     if before.part == after.part:
         return ()
@@ -269,4 +267,4 @@ def _part_change(before: SplitRow, after: SplitRow) -> tuple[Change_of_differenc
     )
     counts = "count" if after.part is None else "counts"
     sentence = f"{new} {counts} in place of {old}"
-    return (Change_of_differences(sentence=sentence, stage=Stage.MEASURE),)
+    return (Change(sentence=sentence, stage=Stage.MEASURE),)

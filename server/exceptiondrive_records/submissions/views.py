@@ -225,7 +225,7 @@ def _view(
     awaits_profile: bool,
 ) -> SubmissionView:
     phase, is_scored = seen.phase, submission.is_scored
-    can_be_confirmed = seen.can_be_confirmed(submission)
+    can_be_confirmed = disqualified_at is None and seen.can_be_confirmed(submission)
     shown = seen.entries.get(submission.id) if is_scored else None
     holder = seen.replaced_by.get(submission.id)
     run_rule, is_chosen = seen.rules.get(submission.id, ("newest", False))

@@ -18,16 +18,11 @@ from exceptiondrive_records.teams.teams import list_teams
 from exceptiondrive_schemas.api.form_fields import fields_of
 from exceptiondrive_schemas.api.site import SiteLinks
 from exceptiondrive_schemas.jobs import Lane
-from exceptiondrive_schemas.printable import counted
+from exceptiondrive_schemas.printable import counted, duration_words
 from exceptiondrive_server.rescoring.steps import RunLine, run_line
 from exceptiondrive_server.web.browser_session import PostedForm, SignedIn
 from exceptiondrive_server.web.forms import changed, filled, made, read, texts_of, typed
-from exceptiondrive_server.web.organizer_frame import (
-    OrganizerBrowser,
-    duration_words,
-    go,
-    organizer_page,
-)
+from exceptiondrive_server.web.organizer_frame import OrganizerBrowser, go, organizer_page
 
 router = APIRouter(include_in_schema=False)
 SITE_FIELDS = fields_of(SiteLinks)

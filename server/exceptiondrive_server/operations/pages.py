@@ -7,8 +7,8 @@ from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.operations.site import site_links
 from exceptiondrive_records.operations.status import service_status
 from exceptiondrive_records.phases.phases import find_phase
+from exceptiondrive_schemas.printable import duration_words
 from exceptiondrive_server.web.auth import ServicesOf
-from exceptiondrive_server.web.organizer_frame import duration_words
 from exceptiondrive_server.web.responses import page
 
 router = APIRouter(include_in_schema=False)

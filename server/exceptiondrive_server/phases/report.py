@@ -122,6 +122,8 @@ def board_before_reveal(session: Session, phase: Phase, final: BoardRow) -> Boar
     """
     if is_split_revealed(session, phase):
         return last_shown_of_part(session, phase, "public")
+    if phase.closes_at is None:
+        return None
     ended = AuditLine.subject == phase.id, AuditLine.action == "freeze ended"
     after = select(AuditLine).where(*ended, AuditLine.at >= phase.closes_at)
     line = session.scalars(after.order_by(AuditLine.id).limit(1)).first()

@@ -65,7 +65,7 @@ def _protocol(session: Session, version: str, *, with_drafts: bool) -> Values:
     }
 
 
-class Change(NamedTuple):
+class ValueChange(NamedTuple):
     """One value that differs; None where the value is absent."""
 
     path: str
@@ -73,12 +73,12 @@ class Change(NamedTuple):
     after: str | None
 
 
-def protocol_changes(before: ProtocolDocument, after: ProtocolDocument) -> tuple[Change, ...]:
+def protocol_changes(before: ProtocolDocument, after: ProtocolDocument) -> tuple[ValueChange, ...]:
     """Return every value that differs, by its dotted path, in the order of the newer document."""
     old, new = dict(_values(_document(before))), dict(_values(_document(after)))
     paths = [*new, *(path for path in old if path not in new)]
     return tuple(
-        Change(path, old.get(path), new.get(path))
+        ValueChange(path, old.get(path), new.get(path))
         for path in paths
         if old.get(path) != new.get(path)
     )

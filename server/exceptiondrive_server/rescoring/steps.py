@@ -14,7 +14,6 @@ from exceptiondrive_records.rescoring.views import preview_of, run_view
 from exceptiondrive_records.splits.splits import newly_counted
 from exceptiondrive_schemas.api.rescoring import (
     Comparison,
-    Progress,
     PublicRun,
     RunAction,
     RunState,
@@ -22,8 +21,7 @@ from exceptiondrive_schemas.api.rescoring import (
 )
 from exceptiondrive_schemas.printable import counted
 from exceptiondrive_server.web.forms import REASON
-from exceptiondrive_server.web.numbers import grouped
-from exceptiondrive_server.web.organizer_frame import Step, duration_words
+from exceptiondrive_server.web.organizer_frame import Step
 
 _NEXT = {
     RunState.DRAFT: "drafted, nothing is scored until you start it.",
@@ -60,7 +58,6 @@ class RunLine:
     state: str
     tone: str
     next_words: str
-    progress_words: str
     share: float
     """Sheets that are there, from 0 to 1; an empty phase is done."""
 
@@ -74,7 +71,6 @@ def run_line(session: Session, run: RunView) -> RunLine:
         state=run.state.value.replace("_", " "),
         tone=_TONE[run.state],
         next_words=_next_words(run),
-        progress_words=_progress_words(progress),
         share=progress.done / progress.total if progress.total else 1.0,
     )
 
@@ -101,18 +97,6 @@ def _next_words(run: RunView) -> str:
     if run.state is RunState.READY and run.blockers:
         return "ready, but something stands in the way of applying it."
     return _NEXT[run.state]
-
-
-def _progress_words(progress: Progress) -> str:
-    """Say how far it is: `120 of 200 sheets, 3 failed, 4.1 a second, about 20 s left`."""
-    parts = [f"{grouped(progress.done)} of {counted(progress.total, 'sheet')}"]
-    if progress.failed:
-        parts.append(f"{grouped(progress.failed)} failed")
-    if progress.sheets_per_s is not None:
-        parts.append(f"{progress.sheets_per_s:g} a second")
-    if progress.remaining_s is not None and progress.done < progress.total:
-        parts.append(f"about {duration_words(progress.remaining_s)} left")
-    return ", ".join(parts)
 
 
 @dataclass(frozen=True)
@@ -281,7 +265,7 @@ def _facts(
     yield "Phase", phase_title
     if shown:
         yield "Changes", (*shown, f"and {left_out} more") if left_out else shown
-    yield "Sheets", line.progress_words
+    yield "Sheets", line.run.progress.words
     if comparison is not None:
         of_all = f"{comparison.n_numbers_changed:,} of "
         of_all += counted(comparison.n_entries, "entry", "entries")

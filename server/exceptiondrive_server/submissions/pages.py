@@ -350,7 +350,7 @@ def _submission(
         counterpart=CHALLENGES[seen.challenge].counterpart,
         can_withdraw=seen.status not in without_score,
         can_send_again=seen.status in (SubmissionStatus.REJECTED, SubmissionStatus.WITHDRAWN)
-        and not (ended or seen.is_asked or seen.confirmed_as)
+        and not (ended or seen.is_asked or seen.confirmed_as or seen.disqualified_at)
         and phase.visibility == "shown",
         is_again=is_again,
     )

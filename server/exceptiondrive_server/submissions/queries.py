@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from sqlalchemy.orm import Session
 
-from exceptiondrive_records.boards.boards import entries_on
+from exceptiondrive_records.boards.boards import current_board, parsed_board
 from exceptiondrive_records.phases.phases import find_phase
 from exceptiondrive_records.phases.policy import can_publish
 from exceptiondrive_records.phases.tables import Phase
@@ -37,14 +37,16 @@ def score_tables(session: Session, seen: SubmissionView) -> ScoreTables:
     """Return what draws the scores of a submission as its team sees it."""
     phase = find_phase(session, seen.phase)
     protocol = find_protocol(session, phase.protocol_digest)
-    entry = entries_on(session, phase.current_board_id).get(seen.id)
+    row = current_board(session, phase.id)
+    board = None if row is None else parsed_board(row)
+    entry = board.entries_by_submission.get(seen.id) if board else None
     headline = protocol.grading.headline
     return ScoreTables(
         protocol=protocol,
         challenge=CHALLENGES[seen.challenge],
         digits=Digits.of(
             protocol.publication,
-            has_fine_intervals=entry is not None and entry.has_fine_intervals(seen.challenge),
+            has_fine_intervals=board is not None and board.has_fine_intervals,
         ),
         families=entry.families if entry else {},
         other_average=OTHER_AVERAGE[headline],

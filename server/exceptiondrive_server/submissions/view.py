@@ -227,10 +227,8 @@ def left_words(quota: Quota) -> str:
 
     Where fewer are left in all than of the day, the day is not named.
     """
-    words = f"{quota.remaining_today} of {quota.per_day} left today"
-    if quota.is_bound_in_all:
-        words = f"{quota.left_in_all} of {quota.total} left in all"
-    elif quota.total is not None:
+    words = quota.left_words(" left")
+    if quota.total is not None and not quota.is_bound_in_all:
         words += f", {quota.left_in_all} of {quota.total} in all"
     left = quota.left_of_rejected
     if left == 0:

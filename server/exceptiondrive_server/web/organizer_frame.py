@@ -13,7 +13,6 @@ from starlette.datastructures import FormData
 from exceptiondrive_records.accounts.tokens import Principal
 from exceptiondrive_records.db.errors import RecordsError
 from exceptiondrive_schemas.api.form_fields import FormField
-from exceptiondrive_schemas.printable import counted
 from exceptiondrive_server.web.browser_session import Browser, Elsewhere, PostedForm, SignedIn
 from exceptiondrive_server.web.forms import changed, filled, read, typed
 from exceptiondrive_server.web.organizer_rights import may_change, require_right, what_lacks
@@ -228,14 +227,3 @@ def take_step(browser: SignedIn, step: Step, form: FormData) -> Response:
     except RecordsError as refusal:
         return step_page(browser, step, texts=typed(form), refusal=refusal)
     return go(address, step.done)
-
-
-def duration_words(seconds: float) -> str:
-    """Write a length of time in its largest unit: `12 s`, `5 minutes`, `3 hours`, `2 days`."""
-    if seconds < 90:
-        return f"{max(0, round(seconds))} s"
-    if seconds < 90 * 60:
-        return counted(round(seconds / 60), "minute")
-    if seconds < 36 * 3600:
-        return counted(round(seconds / 3600), "hour")
-    return counted(round(seconds / 86400), "day")

@@ -27,6 +27,7 @@ from exceptiondrive.confirmations import confirm, default_key_path, make_key
 from exceptiondrive.errors import ExceptionDriveError, InvalidArgumentError, utc_text
 from exceptiondrive.inputs import given_bytes, given_protocol, require_unread
 from exceptiondrive.organizer import Organizer
+from exceptiondrive_schemas.api.similarity import SubmissionOfTeam
 from exceptiondrive_schemas.api.site import SiteLinks
 from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.protocol import ProtocolDocument, ProtocolError
@@ -81,28 +82,28 @@ def similar(organizer: Organizer, phase: options.PhaseId) -> Answer:
     report = organizer.similar(phase)
     rows = [
         {
-            "alike": pair["kind"].replace("_", " "),
-            "first": _named(pair["first"]),
-            "second": _named(pair["second"]),
-            "samples alike": f"{100 * pair['equal_share']:.2f} %",
-            "mean distance": f"{pair['mean_distance'] or 0:.2f}",
-            "samples that differ": pair["n_different"],
+            "alike": pair.kind.replace("_", " "),
+            "first": _named(pair.first),
+            "second": _named(pair.second),
+            "samples alike": f"{100 * pair.equal_share:.2f} %",
+            "mean distance": f"{pair.mean_distance or 0:.2f}",
+            "samples that differ": pair.n_different,
         }
-        for pair in report["pairs"]
+        for pair in report.pairs
     ]
     probing = (
-        f"{', '.join(found['teams'])}: {found['n_submissions']} submissions that share most samples "
-        f"with an earlier one and change {found['fewest_changed']} to {found['most_changed']}, "
-        f"{found['first_at']} to {found['last_at']}"
-        for found in report["probing"]
+        f"{', '.join(found.teams)}: {found.n_submissions} submissions that share most samples "
+        f"with an earlier one and change {found.fewest_changed} to {found.most_changed}, "
+        f"{utc_text(found.first_at)} to {utc_text(found.last_at)}"
+        for found in report.probing
     )
     pairs = records_table(rows, tuple(rows[0])) if rows else "no submissions of two teams are alike"
-    compared = f"{report['n_compared']} submissions compared"
-    return report, pairs, *probing, f"{compared}, {report['n_waiting']} more after the next board"
+    compared = f"{report.n_compared} submissions compared"
+    return report, pairs, *probing, f"{compared}, {report.n_waiting} more after the next board"
 
 
-def _named(submission: dict[str, Any]) -> str:
-    return f"{submission['team']}: {submission['method']} ({submission['id']})"
+def _named(submission: SubmissionOfTeam) -> str:
+    return f"{submission.team}: {submission.method} ({submission.id})"
 
 
 @with_organizer

@@ -4,10 +4,10 @@ Runs, previews and verifications are shown as a person reads them in a terminal.
 """
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from rich.console import RenderableType
@@ -28,10 +28,18 @@ from exceptiondrive.errors import (
     utc_text,
 )
 from exceptiondrive.organizer import Rescoring
-from exceptiondrive.transport import Record
+from exceptiondrive_schemas.api.rescoring import (
+    Comparison,
+    PreviewView,
+    RunKind,
+    RunState,
+    RunView,
+    Standing,
+    VerificationView,
+)
 from exceptiondrive_schemas.challenges import Metric
 from exceptiondrive_schemas.printable import counted
-from exceptiondrive_schemas.score_sheet import metric_text
+from exceptiondrive_schemas.score_sheet import MetricRow, metric_text
 
 RunArgument = Annotated[str, argument("RUN", "Id of the run.", offer=completion.runs)]
 WatchOption = Annotated[
@@ -46,7 +54,7 @@ DIRECTIONS = {
 _LOOK_EVERY_S = 1.0
 _MAX_LOOKS = 120
 MAX_SAMPLE = 100_000
-_ENDED = ("closed", "rolled_back", "cancelled")
+_ENDED = (RunState.CLOSED, RunState.ROLLED_BACK, RunState.CANCELLED)
 
 
 @contextmanager
@@ -80,23 +88,23 @@ def start(
         except NetworkError as error:
             raise NetworkError(
                 error.code,
-                f"{error.sentence} The run {run['id']} is drafted.",
+                f"{error.sentence} The run {run.id} is drafted.",
                 "Once the server answers, begin it, or read that it has begun: "
-                f'organizer rescore begin {run["id"]} --reason "…"',
+                f'organizer rescore begin {run.id} --reason "…"',
             ) from None
     return run, *run_lines(run)
 
 
-def _begun(rescoring: Rescoring, run: Record, reason: str) -> Record:
+def _begun(rescoring: Rescoring, run: RunView, reason: str) -> RunView:
     """Begin a drafted run once a worker has tried its split."""
     run = _tried(rescoring, run)
-    if (run.get("trial") or {}).get("state") == "held":
+    if run.trial is not None and run.trial.state == "held":
         raise InvalidArgumentError(
             "split_floor",
-            f"It stays a draft. {run['blockers'][0]}",
-            f"organizer rescore cancel {run['id']}",
+            f"It stays a draft. {run.blockers[0]}",
+            f"organizer rescore cancel {run.id}",
         )
-    return rescoring.step(run["id"], "start", reason)
+    return rescoring.step(run.id, "start", reason)
 
 
 def status(
@@ -115,12 +123,14 @@ def status(
             show_result(runs, json, runs_table(runs))
             return
         run = _watched(rescoring, run_id) if watch else rescoring.run(run_id)
+        shown: Any = run
         lines = run_lines(run)
-        if run["kind"] == "verification":
-            run = {**run, "verification": rescoring.verification(run_id)}
-            lines = [*verification_lines(run["verification"])]
-    show_result(run, json, *lines)
-    if watch and run["progress"]["failed"]:
+        if run.kind is RunKind.VERIFICATION:
+            found = rescoring.verification(run_id)
+            shown = {**run.model_dump(mode="json"), "verification": found}
+            lines = [*verification_lines(found)]
+    show_result(shown, json, *lines)
+    if watch and run.progress.failed:
         raise typer.Exit(6)
 
 
@@ -138,7 +148,7 @@ def preview(
             with replacing(csv):
                 write_file(csv, rescoring.preview_csv(run_id))
     show_result(found, json, preview_lines(found))
-    if found["is_stale"]:
+    if found.is_stale:
         raise typer.Exit(ExceptionDriveError.exit_code)
 
 
@@ -152,7 +162,7 @@ def apply(
     ],
 ) -> Answer:
     """Show the new board, at once and wholly; refused while anything is missing or stale."""
-    for warning in rescoring.preview(run_id).get("warnings", ()):
+    for warning in rescoring.preview(run_id).warnings:
         say(warning)
     run = rescoring.step(run_id, "apply", reason, preview=digest)
     return run, *run_lines(run)
@@ -173,21 +183,18 @@ def verify(
         follow_verification(rescoring, found, json)
 
 
-def follow_verification(rescoring: Rescoring, found: Record, json: bool) -> None:
+def follow_verification(rescoring: Rescoring, found: VerificationView, json: bool) -> None:
     """Wait until every sheet has come to an end, and show what came of it.
 
     Raises:
         typer.Exit: A sheet differs, or could not be made again.
     """
-    version = found["protocol"]["version"]
-    sheets = counted(found["n_sheets"], "sheet")
-    say(f"verification {found['id']} of {sheets}, protocol {version}")
-    say(
-        f"it goes on by itself; exceptiondrive organizer rescore status {found['id']} shows it, too"
-    )
+    sheets = counted(found.n_sheets, "sheet")
+    say(f"verification {found.id} of {sheets}, protocol {found.protocol.version}")
+    say(f"it goes on by itself; exceptiondrive organizer rescore status {found.id} shows it, too")
     found = _verified(rescoring, found)
     show_result(found, json, *verification_lines(found))
-    if found["n_equal"] != found["n_sheets"]:
+    if found.n_equal != found.n_sheets:
         raise typer.Exit(ExceptionDriveError.exit_code)
 
 
@@ -203,45 +210,45 @@ def _step(step: str, words: str) -> Callable[..., None]:
     return take
 
 
-def _watched(rescoring: Rescoring, run_id: str) -> Record:
+def _watched(rescoring: Rescoring, run_id: str) -> RunView:
     """Follow a run until scoring has ended: ready, paused, failed or cancelled."""
     with _bar("scoring") as show:
         while True:
             run = rescoring.run(run_id)
-            progress = run["progress"]
-            show(progress["done"], progress["total"], progress_line(run))
-            waits = progress["total"] - progress["done"] - progress["failed"]
-            is_stuck = progress["failed"] and not waits
-            if run["state"] != "scoring" or is_stuck:
+            progress = run.progress
+            show(progress.done, progress.total, progress.words)
+            waits = progress.total - progress.done - progress.failed
+            is_stuck = progress.failed and not waits
+            if run.state != RunState.SCORING or is_stuck:
                 return run
             time.sleep(_LOOK_EVERY_S)
 
 
-def _tried(rescoring: Rescoring, run: Record) -> Record:
+def _tried(rescoring: Rescoring, run: RunView) -> RunView:
     """Wait until a worker has tried the split of a draft, which then may be refused."""
     with _bar("trying the split") as show:
         for look in range(_MAX_LOOKS):
-            if (run.get("trial") or {}).get("state") != "waiting":
+            if run.trial is None or run.trial.state != "waiting":
                 return run
-            show(0, 1, f"run {run['id']}: a worker is to try the split")
+            show(0, 1, f"run {run.id}: a worker is to try the split")
             if look:
                 time.sleep(_LOOK_EVERY_S)
-            run = rescoring.run(run["id"])
+            run = rescoring.run(run.id)
     raise InvalidArgumentError(
         "not_tried",
-        f"No worker has tried the split of run {run['id']} within {_MAX_LOOKS} s: it stays a draft.",
+        f"No worker has tried the split of run {run.id} within {_MAX_LOOKS} s: it stays a draft.",
         "Look whether a worker serves the lane rescore; then: "
-        f'organizer rescore begin {run["id"]} --reason "…"',
+        f'organizer rescore begin {run.id} --reason "…"',
     )
 
 
-def _verified(rescoring: Rescoring, found: Record) -> Record:
+def _verified(rescoring: Rescoring, found: VerificationView) -> VerificationView:
     with _bar("recomputing") as show:
-        while found["finished_at"] is None:
+        while found.finished_at is None:
             time.sleep(_LOOK_EVERY_S)
-            found = rescoring.verification(found["id"])
-            made = found["n_equal"] + found["n_different"] + found["n_failed"]
-            show(made, found["n_sheets"], verification_line(found))
+            found = rescoring.verification(found.id)
+            made = found.n_equal + found.n_different + found.n_failed
+            show(made, found.n_sheets, verification_line(found))
     return found
 
 
@@ -256,53 +263,29 @@ def _sample_size(sample: str) -> int | None:
     )
 
 
-def run_lines(run: Record) -> list[RenderableType]:
+def run_lines(run: RunView) -> list[RenderableType]:
     """Return state, progress, changes and blockers of a run."""
-    head = f"run {run['id']}  {run['state']}  phase {run['phase']}  {' -> '.join(_sides(run))}"
-    lines: list[RenderableType] = [
-        head,
-        f"  {progress_line(run)}",
-        f"  {run['difference']['sentence']}",
-    ]
-    lines += [f"  - {change['sentence']}" for change in run["difference"]["changes"]]
-    if run["difference"].get("remark"):
-        lines.append(f"  note: {run['difference']['remark']}")
-    if run["state"] not in _ENDED:
-        lines += [f"  ! {blocker}" for blocker in run["blockers"]]
+    head = f"run {run.id}  {run.state}  phase {run.phase}  {' -> '.join(_sides(run))}"
+    difference = run.difference
+    lines: list[RenderableType] = [head, f"  {run.progress.words}", f"  {difference.sentence}"]
+    lines += [f"  - {sentence}" for sentence in difference.sentences]
+    if difference.remark:
+        lines.append(f"  note: {difference.remark}")
+    if run.state not in _ENDED:
+        lines += [f"  ! {blocker}" for blocker in run.blockers]
     return lines
 
 
-def _sides(changed: Record) -> tuple[str, str]:
+def _sides(changed: RunView | Comparison) -> tuple[str, str]:
     """Return versions of the protocol from and to, or where one stays and another split counts, revisions."""
-    old, new = ((changed[f"{end}_protocol"], changed[f"{end}_split"]) for end in ("from", "to"))
-    if old[0] != new[0] or old[1] == new[1]:
-        return old[0]["version"], new[0]["version"]
-    before, after = (side[1]["revision"].removeprefix("sha256:")[:12] for side in (old, new))
+    if changed.from_protocol != changed.to_protocol or changed.from_split == changed.to_split:
+        return changed.from_protocol.version, changed.to_protocol.version
+    splits = changed.from_split, changed.to_split
+    before, after = (split.revision.removeprefix("sha256:")[:12] for split in splits)
     return before, after
 
 
-def progress_line(run: Record) -> str:
-    """Return how far a run is, in one line."""
-    progress = run["progress"]
-    words = f"{progress['done']} of {progress['total']} sheets"
-    if progress["failed"]:
-        words += f", {progress['failed']} failed"
-    if progress["sheets_per_s"]:
-        words += f", {progress['sheets_per_s']:g} a second"
-    if progress["remaining_s"]:
-        words += f", about {_duration(progress['remaining_s'])} left"
-    return words
-
-
-def _duration(seconds: float) -> str:
-    """Write a length of time in its largest unit."""
-    for unit, length_s in (("days", 86_400), ("hours", 3_600), ("minutes", 60)):
-        if seconds >= 1.5 * length_s:
-            return f"{seconds / length_s:.0f} {unit}"
-    return f"{max(1, round(seconds))} s"
-
-
-def runs_table(runs: list[Record]) -> FittedTable:
+def runs_table(runs: Sequence[RunView]) -> FittedTable:
     """Return a line per run."""
     table = FittedTable.of(
         Column("run", "id"),
@@ -315,126 +298,114 @@ def runs_table(runs: list[Record]) -> FittedTable:
         Column("reason", left_out=1),
     )
     for run in runs:
-        progress = run["progress"]
         table.add_row(
-            run["id"],
-            run["phase"],
-            run["state"],
+            run.id,
+            run.phase,
+            run.state,
             *_sides(run),
-            f"{progress['done']}/{progress['total']}",
-            utc_text(run["created_at"]),
-            run["reason"],
+            f"{run.progress.done}/{run.progress.total}",
+            utc_text(run.created_at),
+            run.reason,
         )
     return table
 
 
-def preview_lines(preview: Record) -> Iterator[RenderableType]:
+def preview_lines(preview: PreviewView) -> Iterator[RenderableType]:
     """Yield the headline of a comparison and its entries, worst movers first."""
-    comparison = preview["comparison"]
-    stale = "  STALE: something has changed since" if preview["is_stale"] else ""
+    comparison = preview.comparison
+    stale = "  STALE: something has changed since" if preview.is_stale else ""
     head = (
         f"{' -> '.join(_sides(comparison))}, "
-        f"board {comparison['old_board']} -> {comparison['new_board']}: "
-        f"{comparison['n_entries']} entries, {comparison['n_numbers_changed']} with new numbers, "
-        f"{comparison['n_ranks_changed']} with a new rank, "
-        f"{_n_newly_ranked(comparison)} newly ranked, "
-        f"{comparison['n_newly_failing']} no longer ranked{stale}"
+        f"board {comparison.old_board} -> {comparison.new_board}: "
+        f"{comparison.n_entries} entries, {comparison.n_numbers_changed} with new numbers, "
+        f"{comparison.n_ranks_changed} with a new rank, "
+        f"{comparison.n_newly_ranked} newly ranked, "
+        f"{comparison.n_newly_failing} no longer ranked{stale}"
     )
-    yield DIRECTIONS[preview.get("direction", "apply")]
+    yield DIRECTIONS[preview.direction]
     yield head
     yield _entries_table(comparison)
     yield from _unranked_lines(comparison)
     yield from _effect_lines(comparison)
-    yield from (f"! {blocker}" for blocker in preview["blockers"])
-    yield from preview.get("warnings", ())
-    yield f"preview {preview['digest']}"
+    yield from (f"! {blocker}" for blocker in preview.blockers)
+    yield from preview.warnings
+    yield f"preview {preview.digest}"
 
 
-def _n_newly_ranked(comparison: Record) -> int:
-    """Count the entries that get a rank and had none."""
-    standings = map(_standings, comparison["entries"])
-    return sum(old.get("rank") is None and new.get("rank") is not None for old, new in standings)
-
-
-def _standings(entry: Record) -> tuple[Record, Record]:
-    """Return how an entry stands before and after; nothing is said of where it does not."""
-    return entry["old"] or {}, entry["new"] or {}
-
-
-def _entries_table(comparison: Record) -> FittedTable:
-    entries = {entry["submission_id"]: entry for entry in comparison["entries"]}
-    movers = [entries[key] for key in comparison["worst_movers"]]
-    rest = [entry for entry in comparison["entries"] if entry not in movers]
-    challenge = challenge_of(comparison["challenge"])
+def _entries_table(comparison: Comparison) -> FittedTable:
+    entries = {entry.submission_id: entry for entry in comparison.entries}
+    movers = [entries[key] for key in comparison.worst_movers]
+    rest = [entry for entry in comparison.entries if entry not in movers]
+    challenge = challenge_of(comparison.challenge)
     metrics = [metric for metric in challenge.metrics if metric.role == "primary"]
     numbers = (Column(metric_head(metric), "number", left_out=1) for metric in metrics)
     table = FittedTable.of("method", "rank", Column("interval", left_out=2), *numbers, "")
     for entry in movers + rest:
-        old, new = _standings(entry)
+        old, new = entry.old, entry.new
         table.add_row(
-            entry["method"],
-            f"{old.get('rank') or '-'} -> {new.get('rank') or '-'}",
+            entry.method,
+            f"{entry.old_rank or '-'} -> {entry.new_rank or '-'}",
             f"{_interval(old)} -> {_interval(new)}",
             *(f"{_metric(old, metric)} -> {_metric(new, metric)}" for metric in metrics),
-            "no longer ranked" if entry["newly_failing"] else entry["change"].replace("_", " "),
+            "no longer ranked" if entry.newly_failing else entry.change.replace("_", " "),
         )
     return table
 
 
-def _unranked_lines(comparison: Record) -> list[str]:
+def _unranked_lines(comparison: Comparison) -> list[str]:
     """Return a line per entry that loses its rank: why."""
     return [
-        f"no longer ranked: {entry['method']} ({entry['team']}): "
-        f"{_standings(entry)[1].get('unranked_because') or 'not on the new board: on its way, replaced, withdrawn or disqualified'}"
-        for entry in comparison["entries"]
-        if entry["newly_failing"]
+        f"no longer ranked: {entry.method} ({entry.team}): "
+        f"{(entry.new and entry.new.unranked_because) or 'not on the new board: on its way, replaced, withdrawn or disqualified'}"
+        for entry in comparison.entries
+        if entry.newly_failing
     ]
 
 
-def _effect_lines(comparison: Record) -> list[str]:
+def _effect_lines(comparison: Comparison) -> list[str]:
     """Return a line per linked entry: what its reminder changes, before and after."""
-    metrics = challenge_of(comparison["challenge"]).columns
+    metrics = challenge_of(comparison.challenge).columns
     lines = []
-    for entry in comparison["entries"]:
-        old, new = map(_effect, _standings(entry))
+    for entry in comparison.entries:
+        old, new = _effect(entry.old), _effect(entry.new)
         if old or new:
             words = (
                 f"{metric.label} {_signed(old, metric)} -> {_signed(new, metric)}"
                 for metric in metrics
                 if metric.role == "primary"
             )
-            lines.append(f"reminder's effect on {entry['method']}: {', '.join(words)}")
+            lines.append(f"reminder's effect on {entry.method}: {', '.join(words)}")
     return lines
 
 
-def _effect(standing: Record) -> Record:
-    effect = standing.get("reminder_effect")
-    return {} if effect is None else dict(effect["differences"])
+def _effect(standing: Standing | None) -> MetricRow:
+    effect = standing and standing.reminder_effect
+    return effect.by_metric if effect else {}
 
 
-def _signed(effect: Record, metric: Metric) -> str:
-    value = effect[metric.key]["difference"] if metric.key in effect else None
+def _signed(effect: MetricRow, metric: Metric) -> str:
+    value = effect.get(metric.key)
     if value is None:
         return "-"
     return f"+{metric_text(metric, value)}" if value >= 0 else metric_text(metric, value)
 
 
-def verification_line(found: Record) -> str:
+def verification_line(found: VerificationView) -> str:
     """Return what a verification has come to."""
-    made = found["n_equal"] + found["n_different"] + found["n_failed"]
-    words = f"{made} of {found['n_sheets']} sheets recomputed: {found['n_equal']} equal bit for bit"
-    if found["n_different"]:
-        words += f", {found['n_different']} DIFFER"
-    if found["n_failed"]:
-        words += f", {found['n_failed']} could not be recomputed"
+    made = found.n_equal + found.n_different + found.n_failed
+    words = f"{made} of {found.n_sheets} sheets recomputed: {found.n_equal} equal bit for bit"
+    if found.n_different:
+        words += f", {found.n_different} DIFFER"
+    if found.n_failed:
+        words += f", {found.n_failed} could not be recomputed"
     return words
 
 
-def verification_lines(found: Record) -> Iterator[str]:
+def verification_lines(found: VerificationView) -> Iterator[str]:
     """Yield what a verification has come to, and each sheet that is not equal."""
     yield verification_line(found)
-    for problem in found["problems"]:
-        yield f"  {problem['submission_id']}  {problem['state']}  {problem['note'] or ''}"
+    for problem in found.problems:
+        yield f"  {problem.submission_id}  {problem.state}  {problem.note or ''}"
 
 
 @contextmanager
@@ -451,18 +422,20 @@ def _bar(what: str) -> Iterator[Callable[[int, int, str], None]]:
         )
 
 
-def _interval(standing: Record) -> str:
-    span = standing.get("rank_interval")
-    return "-" if span is None else f"{span[0]}..{span[1]}"
+def _interval(standing: Standing | None) -> str:
+    span = standing and standing.rank_interval
+    return f"{span[0]}..{span[1]}" if span else "-"
 
 
-def _metric(standing: Record, metric: Metric) -> str:
-    return metric_text(metric, standing.get("metrics", {}).get(metric.key))
+def _metric(standing: Standing | None, metric: Metric) -> str:
+    return metric_text(metric, standing.metrics.get(metric.key) if standing else None)
 
 
 COMMANDS: dict[str, Callable[..., None]] = {
     "start": start,
-    "begin": _step("start", "Begin to score a run that was only drafted."),
+    "begin": _step(
+        "start", "Begin to score a run that was only drafted: the step start of pages and API."
+    ),
     "status": status,
     "pause": _step("pause", "Let no further sheet of a run begin."),
     "resume": _step("resume", "Go on with a run, and try failed sheets again."),

@@ -3,6 +3,17 @@
   "use strict";
   // An upload shows its progress; a refusal is said in place, and nothing typed is lost.
   const upload = document.querySelector("form[data-upload]");
+  // Only what stands in the phase that is chosen can be linked.
+  const link = upload?.elements.linked_to;
+  const offer = () => {
+    for (const one of link.querySelectorAll("[data-phase]")) one.disabled = one.dataset.phase !== upload.elements.phase.value;
+    if (link.selectedOptions[0].disabled) link.value = "";
+    link.disabled = !link.querySelector("[data-phase]:not([disabled])");
+  };
+  if (link) {
+    offer();
+    upload.addEventListener("change", offer);
+  }
   upload?.addEventListener("submit", (event) => {
     event.preventDefault();
     const box = upload.querySelector("[data-sending]");
