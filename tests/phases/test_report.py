@@ -5,6 +5,9 @@ from typing import TYPE_CHECKING, Any
 from tests.phases.life import CAREFUL, PRIVATE_ONLY, PUBLIC_ONLY
 from tests.phases.test_page import text_of
 
+from exceptiondrive_records.protocols.protocols import add_protocol
+from exceptiondrive_schemas.protocol import packaged_protocol_toml
+
 if TYPE_CHECKING:
     from tests.phases.life import Life
 
@@ -112,6 +115,10 @@ def test_a_freeze_that_hid_nothing_is_no_reveal(life: "Life") -> None:
     life.done("/phases/test/freeze")
     life.done("/phases/test/reveal", {"what": "board", "reason": "frozen by mistake"})
     assert life.json(REPORT)["shake_up"] is None
+    with life.database.write() as session:
+        add_protocol(session, packaged_protocol_toml("1.1"), "test")
+    life.apply(life.start_run(protocol="1.1"))
+    assert life.json(REPORT)["shake_up"] is None, "an update is no reveal"
 
 
 def test_a_reveal_that_ended_a_freeze_and_was_rolled_back_is_told_as_its_end(life: "Life") -> None:

@@ -405,6 +405,12 @@ def test_what_would_replace_another_entry_by_now_is_asked_anew(
     asked_id = address.rpartition("/")[2]
     asked = 'It replaces 8b7jazz0gvrkppag (HCC 26.68, rank 2) of "Planner".'
     api.reject(asked_id, REPORT.model_copy(update={"faults": (), "to_confirm": (asked,)}))
+    with api.database.write() as session:
+        submission = session.get_one(Submission, asked_id)
+        until, submission.confirm_until = submission.confirm_until, database_now(session)
+    assert api.post(f"{address}/confirm", "alpha").status_code == 409, "the time has passed"
+    with api.database.write() as session:
+        session.get_one(Submission, asked_id).confirm_until = until
     told = api.post(f"{address}/confirm", "alpha").json()
     assert (told["id"], told["status"]) == (asked_id, "rejected")
     (question,) = told["report"]["to_confirm"]

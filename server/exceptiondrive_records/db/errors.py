@@ -112,9 +112,9 @@ class RejectedCapExceeded(RecordsError):
         self.limit = limit
         self.resets_at = resets_at
         super().__init__(
-            f"{limit} files of your team brought no score today, wrong ones and sound ones that could not "
-            f"be scored, which is the limit; the next day begins at {resets_at:%Y-%m-%d %H:%M} UTC. What was wrong "
-            "with a file its submission says, and `exceptiondrive check FILE --phase PHASE` before you submit."
+            f"{limit} files of your team brought no score today, which is the limit; wrong ones count, and sound "
+            f"ones that could not be scored. The next day begins at {resets_at:%Y-%m-%d %H:%M} UTC. A submission says "
+            "what was wrong with its file; `exceptiondrive check FILE --phase PHASE` says it before you submit."
         )
 
 

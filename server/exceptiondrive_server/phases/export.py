@@ -184,7 +184,7 @@ number that the boards and score sheets do not tell.
 - `report.json`: how the phase ended; missing while it has not.
 - `sheets/ID.json`: score sheets of {n_sheets} entries with families and tasks, by submission.
 - `results.csv`, `results.parquet`: the same numbers as one table; `scope` is average, family or task.
-  `n` counts no controls: of these alone is `over_caution` a share, and the datasheet says how many there are.
+  `over_caution` is a share of the controls alone, which `n` leaves out; the datasheet counts them.
 - `facts.json`: what teams tell of their methods, by submission.
 - `protocols/VERSION.toml`: every constant that made the numbers.
 - `datasheet.json`: how the split was made, where its makers say so.

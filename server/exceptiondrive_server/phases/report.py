@@ -118,7 +118,7 @@ def board_before_reveal(session: Session, phase: Phase, final: BoardRow) -> Boar
     """Return the last board that readers saw before a reveal; None where nothing was revealed.
 
     Where both were, the other part of the split counts, not the end of a freeze; a freeze that ended
-    before the deadline is no reveal. Of several that ended after it the first one counts.
+    before the deadline, or hid nothing, is no reveal. Of several the first one counts.
     """
     if is_split_revealed(session, phase):
         return last_shown_of_part(session, phase, "public")
@@ -126,8 +126,8 @@ def board_before_reveal(session: Session, phase: Phase, final: BoardRow) -> Boar
         return None
     ended = AuditLine.subject == phase.id, AuditLine.action == "freeze ended"
     after = select(AuditLine).where(*ended, AuditLine.at >= phase.closes_at)
-    line = session.scalars(after.order_by(AuditLine.id).limit(1)).first()
-    number = None if line is None else line.detail.get("board")
+    lines = session.scalars(after.order_by(AuditLine.id))
+    number = next((line.detail["board"] for line in lines if line.detail["board"]), None)
     return None if number in (None, final.number) else find_board(session, phase.id, number)
 
 

@@ -174,9 +174,9 @@ RUN_STEPS: Mapping[str, RunStep] = {
             RunAction.ROLLBACK,
             "Roll back",
             "Roll back",
-            "Readers see the board under the earlier protocol again, with what came since, behind a "
-            "freeze too, and the teams whose numbers change are told. While the phase is hidden, organizers alone see that board and "
-            "nobody is told.",
+            "Readers see the board under the earlier protocol again, with what was scored since, also "
+            "what a freeze had hidden; the teams whose numbers change are told. While the phase is hidden, "
+            "organizers alone see that board and nobody is told.",
             "run_rolled_back",
             flip.rollback_run,
             "rollback",

@@ -43,7 +43,7 @@ async def test_the_page_says_how_the_split_was_made(lively_site: Site) -> None:
         "Licence of the pictures: CC BY-NC 4.0.",
         "People are numbered anew in each revision.",
         "Krippendorff's alpha over accepted and rejected: 0.714.",
-        "is 0.912 on average, 0.934 in the middle; corners",
+        "is 0.912 on average (median 0.934); corners",
         f"With a recorded path {DATASHEET.n_recorded:,}",
         "Two samples failed the audit, and three regions lay a metre too far.",
         "2: The hazard stands on the pavement.",
