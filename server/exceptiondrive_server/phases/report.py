@@ -126,9 +126,9 @@ def board_before_reveal(session: Session, phase: Phase, final: BoardRow) -> Boar
         return None
     ended = AuditLine.subject == phase.id, AuditLine.action == "freeze ended"
     after = select(AuditLine).where(*ended, AuditLine.at >= phase.closes_at)
-    lines = session.scalars(after.order_by(AuditLine.id))
-    number = next((line.detail["board"] for line in lines if line.detail["board"]), None)
-    return None if number in (None, final.number) else find_board(session, phase.id, number)
+    boards = (line.detail.get("board") for line in session.scalars(after.order_by(AuditLine.id)))
+    number = next(filter(None, boards), final.number)
+    return None if number == final.number else find_board(session, phase.id, number)
 
 
 def _shake_up(session: Session, before: Board, after: Board) -> ShakeUp:

@@ -173,8 +173,8 @@ def _agreement(found: Agreement) -> str:
         return text
     return (
         f"{text} Over the {found.both_accepted:,} that both accepted, intersection over union is "
-        f"{found.iou_mean:.3f} on average, {found.iou_median:.3f} in the middle; corners lie at "
-        f"most {found.corner_m_max:.2f} m apart."
+        f"{found.iou_mean:.3f} on average (median {found.iou_median:.3f}); corners lie at most "
+        f"{found.corner_m_max:.2f} m apart."
     )
 
 
