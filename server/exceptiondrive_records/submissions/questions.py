@@ -2,6 +2,8 @@
 
 from sqlalchemy.orm import Session
 
+from exceptiondrive_records.accounts.people import hold_team
+from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.phases.policy import is_late
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.submissions import submission_page
@@ -31,8 +33,10 @@ def entry_replaced_by(session: Session, submission: Submission) -> SubmissionVie
 
 def is_asked_anew(session: Session, asked: Submission) -> bool:
     """Whether an upload would replace another entry than its team was asked about; then that is asked."""
+    hold_team(session, asked.team_id)
+    session.refresh(asked)
     report = asked.report
-    if not asked.is_asked or report is None:
+    if report is None or not asked.can_be_confirmed(database_now(session)):
         return False
     replaced = entry_replaced_by(session, asked)
     if replaced is None or any(replaced.id in question for question in report.to_confirm):
