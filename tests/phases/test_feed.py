@@ -211,3 +211,21 @@ def test_what_left_is_not_counted_where_the_news_name_only_some(
     assert "<title>Board 2 of Test: 1 newly ranked (New to rank 1)</title>" in (
         life.get("/feed.atom?phase=test").text
     )
+
+
+def test_the_history_says_of_the_disqualified_run_alone_that_it_is(life: "Life") -> None:
+    """Its team may have led, left and led again with other runs of the same method."""
+    life.make_phase(split="plain")
+    first = life.submit("beta", 1.0, "M", "plain")
+    life.work()
+    life.request("POST", f"/api/v1/submissions/{first}/withdraw", "beta")
+    life.work()
+    out = life.submit("beta", 1.5, "M", "plain")
+    life.work()
+    note = {"reason": "copied", "public_note": "Not by a planner."}
+    life.done(f"/submissions/{out}/disqualify", note)
+    life.work()
+    history = read(life.get("/history?phase=test").text)
+    told = history.one("ol", "hist").all("div", "new") + history.one("ol", "led").all("li")
+    says = ["disqualified since" in each.text for each in told]
+    assert says == [True, False, False, False, True, False]

@@ -228,6 +228,17 @@ def test_numbers_of_public_boards_do_not_tell_whether_a_draft_changed(world: Wor
     assert world.publish(world.board("a")).number == 4
 
 
+def test_nor_do_they_where_readers_saw_the_board_of_a_draft_before(world: World) -> None:
+    """As after an update was applied, or rolled back: its other side is still scored."""
+    add_other_protocol(world)
+    seen = drafted(world, world.board("a"))
+    with world.database.write() as session:
+        boards.flip_board(
+            session, session.get_one(Phase, "dev"), session.get_one(BoardRow, seen.id)
+        )
+    assert [drafted(world, world.board(name)).number for name in ("a", "b")] == [2, 3]
+
+
 def test_a_board_under_another_protocol_is_kept_but_not_shown(world: World) -> None:
     first = world.publish(world.board("a"))
     add_other_protocol(world)

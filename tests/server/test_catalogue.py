@@ -99,6 +99,8 @@ def test_a_withheld_split_is_told_so_where_readers_know_of_it_and_else_is_unknow
         for phase in list_phases(session):
             phase.visibility = "hidden"
     assert told("sample") == told("nothing").replace("nothing", "sample")
+    revision = "?revision=sha256:" + "0" * 64
+    assert told("sample" + revision) == told("nothing" + revision).replace("nothing", "sample")
 
 
 def test_a_development_split_is_downloaded_whole(api: "Api", split_document: bytes) -> None:

@@ -46,7 +46,8 @@ def publish_board(
 
     Number and date are given here; what may not be shown yet is left out here, so that it is in
     nothing that is served. A board that says what the latest one of this protocol says is not
-    appended again, unless nobody saw that: numbers of public boards would tell whether a draft changed. While the phase is frozen its pointers stay.
+    appended again; a draft is, as numbers of public boards would tell whether it changed. While the
+    phase is frozen its pointers stay.
 
     Returns:
         The row that holds the board; None when the lease was lost and nothing was recorded.
@@ -83,8 +84,7 @@ def _kept_or_appended(
     key = ScoringKey(request.protocol_digest, request.split_revision)
     row = latest_board(session, request.phase_id, key, view)
     digest = board.content_digest
-    is_unseen = kept_back == _A_DRAFT and row is not None and is_draft(session, row)
-    if row is not None and row.digest == digest and not is_unseen:
+    if kept_back != _A_DRAFT and row is not None and row.digest == digest:
         return row
     return _append(session, request, board, digest, view, kept_back)
 

@@ -109,6 +109,25 @@ def disqualification_notes(session: Session, phase: Phase) -> tuple[Disqualifica
     Under the names that its board shows. Under pseudonyms a note on all phases
     is left out, since others show it under the name; the day alone is told, which joins no two notes.
     """
+    return tuple(note for _, note in _noted(session, phase))
+
+
+def notes_by_submission(session: Session, phase: Phase) -> dict[str, DisqualificationNote]:
+    """Return the newest such note on each submission to a phase, be it on its whole team."""
+    noted = _noted(session, phase)
+    teams = {row.team_id for row, _ in noted}
+    query = select(Submission.id, Submission.team_id)
+    query = query.where(Submission.phase_id == phase.id, Submission.team_id.in_(teams))
+    submissions = session.execute(query).all()
+    return {
+        submission_id: note
+        for row, note in reversed(noted)
+        for submission_id, team_id in submissions
+        if row.team_id == team_id and row.submission_id in (None, submission_id)
+    }
+
+
+def _noted(session: Session, phase: Phase) -> list[tuple[Disqualification, DisqualificationNote]]:
     is_masked = shows_pseudonyms(session, phase)
     here = Disqualification.phase_id == phase.id
     other = aliased(Submission)  # than the one that the note is about
@@ -124,12 +143,14 @@ def disqualification_notes(session: Session, phase: Phase) -> tuple[Disqualifica
         )
         .order_by(Disqualification.id.desc())
     )
-    return tuple(
-        DisqualificationNote(
+
+    def told(row: Disqualification, team: Team, method: str | None) -> DisqualificationNote:
+        masked = pseudonym_of_method(phase, team.id, method) if method and is_masked else method
+        return DisqualificationNote(
             team=pseudonym_of_team(phase, team.id) if is_masked else team.name,
-            method=pseudonym_of_method(phase, team.id, method) if method and is_masked else method,
+            method=masked,
             note=row.public_note or "",
             disqualified_at=row.disqualified_at.replace(hour=0, minute=0, second=0, microsecond=0),
         )
-        for row, team, method in session.execute(query)
-    )
+
+    return [(row, told(row, team, method)) for row, team, method in session.execute(query)]

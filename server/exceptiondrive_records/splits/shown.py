@@ -91,15 +91,16 @@ def shown_file(session: Session, name: str, revision: str | None) -> SplitRow:
         NotFound: There is none, readers do not know of it, or it is withheld.
     """
     is_used = session.scalars(select(Phase.id).where(Phase.split_name == name).limit(1)).first()
-    if is_used is None:
-        row = find_split(session, name, revision)
-    else:
+    if is_used is not None:
         row = shown_revision(session, name, revision)
-    if row.public_file_digest is not None:
+        if row.public_file_digest is None:
+            raise NotFound("file of split", name, ", which is withheld")
         return row
-    if is_used is None:  # readers do not know of it
-        raise NotFound("split", name)
-    raise NotFound("file of split", name, ", which is withheld")
+    with suppress(NotFound):
+        row = find_split(session, name, revision)
+        if row.public_file_digest is not None:
+            return row
+    raise NotFound("split", name)  # in the words for one of hidden phases alone
 
 
 def is_kept_back(session: Session, name: str) -> bool:

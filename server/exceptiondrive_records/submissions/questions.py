@@ -2,6 +2,7 @@
 
 from sqlalchemy.orm import Session
 
+from exceptiondrive_records.accounts.people import hold_team
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.phases.policy import is_late
 from exceptiondrive_records.phases.tables import Phase
@@ -32,6 +33,8 @@ def entry_replaced_by(session: Session, submission: Submission) -> SubmissionVie
 
 def is_asked_anew(session: Session, asked: Submission) -> bool:
     """Whether an upload would replace another entry than its team was asked about; then that is asked."""
+    hold_team(session, asked.team_id)
+    session.refresh(asked)
     report = asked.report
     if report is None or not asked.can_be_confirmed(database_now(session)):
         return False

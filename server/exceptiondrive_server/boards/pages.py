@@ -9,7 +9,7 @@ from exceptiondrive_records.boards.boards import late_board, leads
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.operations.site import site_links
-from exceptiondrive_records.phases.disqualified import disqualification_notes
+from exceptiondrive_records.phases.disqualified import notes_by_submission
 from exceptiondrive_records.phases.phases import shown_phase
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.rescoring.views import board_history
@@ -127,7 +127,7 @@ def _history(session: Session, query: BoardQuery) -> Values:
         "lines": newest,
         "n_more": len(lines) - len(newest),
         "has_late_view": has_late_view,
-        "disqualified": disqualification_notes(session, row),
+        "disqualified": notes_by_submission(session, row),
         "chart": lead_chart(who, now, metric, digits),
         "narrow_chart": lead_chart(who, now, metric, digits, width=NARROW_PX[0]),
         "leaders": {lead.number: lead.leader for lead in who if lead.number in listed},
