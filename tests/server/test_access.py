@@ -99,7 +99,7 @@ def test_a_wrong_token_is_refused_where_none_is_needed_too(api: "Api", as_proble
 def test_a_token_is_taken_from_no_cookie_and_no_query(api: "Api", as_problem: Problem) -> None:
     token = api.tokens["alpha"]
     as_problem(api.get("/me", headers={"Cookie": f"token={token}"}), 401, "not_signed_in")
-    as_problem(api.get("/me", params={"token": token}), 401, "not_signed_in")
+    as_problem(api.get("/me", params={"token": token}), 400, "bad_request")
     as_problem(api.get("/me", headers={"Authorization": f"Basic {token}"}), 401, "not_signed_in")
 
 
