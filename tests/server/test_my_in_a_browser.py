@@ -194,6 +194,22 @@ def test_a_wrong_fact_of_a_method_is_told_and_its_section_stays_open(
     expect(wrong).to_be_visible()
 
 
+def test_a_form_that_is_refused_without_script_takes_the_keyboard_to_the_reason(
+    browser: Browser, api: "Api", address: str
+) -> None:
+    with browser.new_context(java_script_enabled=False) as context:
+        page = context.new_page()
+        page.goto(f"{address}/sign-in?back=/my/notices")
+        page.fill("input[name=token]", "no token")
+        page.keyboard.press("Enter")
+        expect(page.locator("input[aria-invalid=true]")).to_be_focused()
+        page.fill("input[name=token]", api.tokens["alpha"])
+        page.click("main form button")
+        page.fill("input[name=address]", "http://no-https")
+        page.keyboard.press("Enter")
+        expect(page.locator("#refusal")).to_be_focused()
+
+
 def test_a_choice_of_organizers_waits_for_its_button(
     browser: Browser, api: "Api", address: str
 ) -> None:
