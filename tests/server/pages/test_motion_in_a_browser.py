@@ -78,8 +78,10 @@ def test_play_runs_to_the_end_and_can_be_stopped(visit: Any) -> None:
     button, time = page.locator("[data-play]"), page.locator("[data-time]")
     button.click()
     expect(button).to_have_text("Pause")
+    expect(page.locator("output")).to_have_attribute("aria-live", "off")
     button.click()
     expect(button).to_have_text("Play")
+    expect(page.locator("output")).to_have_attribute("aria-live", "polite")
     assert float(time.input_value()) < 3
     button.click()
     expect(button).to_have_text("Play", timeout=20_000)

@@ -93,11 +93,13 @@
       cancelAnimationFrame(frame);
       frame = 0;
       button.textContent = isStill.matches ? "Next step" : "Play";
+      shown.ariaLive = "polite";
     };
     const run = () => {
       let from = Number(time.value) >= endS ? 0 : Number(time.value);
       let before = null;
       button.textContent = "Pause";
+      shown.ariaLive = "off"; // ten times a second is too much to hear
       const next = (now) => {
         from = Math.min(from + (now - (before ?? now)) / 1000, endS);
         before = now;
