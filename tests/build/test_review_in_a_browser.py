@@ -161,6 +161,7 @@ def test_holding_flips_all_views_swiping_parts_them_and_zoom_moves_both(
 ) -> None:
     page = site.reviewer(browser, "ada")
     begin(page, "inspect")
+    expect(page.locator("#task")).to_have_attribute("aria-live", "polite")
     edited = page.locator("#focus .edited")
     expect(page.locator("#shown")).to_have_text("edited")
     page.keyboard.down(" ")
