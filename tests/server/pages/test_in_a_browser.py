@@ -213,6 +213,35 @@ def test_sorting_by_keyboard_keeps_the_focus_on_its_head(visit: Visit) -> None:
     page.wait_for_selector("#board-rows th.ur[aria-sort=ascending]")
 
 
+def test_going_back_by_keyboard_meets_nothing_under_the_head_of_the_table(visit: Visit) -> None:
+    page = visit.open("/?phase=long", reduced_motion="reduce")
+    rows = page.locator("#board-rows tr[id^='e-']")
+    rows.last.locator("a").first.focus()
+    met = 0
+    while page.evaluate("!!document.activeElement.closest('#board-rows tbody')"):
+        page.wait_for_function(
+            """() => document.activeElement.getBoundingClientRect().top
+                >= document.querySelector("#board-rows th.method").getBoundingClientRect().bottom"""
+        )
+        page.keyboard.press("Shift+Tab")
+        met += 1
+    assert met > rows.count()
+
+
+def test_the_head_of_the_names_stays_above_the_numbers_that_scroll_under_it(visit: Visit) -> None:
+    page = visit.open("/", width=640)
+    page.evaluate("document.querySelector('.scroll.b').scrollLeft = 999")
+    page.locator("#board-rows").scroll_into_view_if_needed()
+    link = page.locator("#s-method")
+    box = link.bounding_box()
+    assert box is not None
+    assert page.evaluate("document.querySelector('.scroll.b').scrollLeft") > 0
+    assert link.evaluate(
+        "(link, [x, y]) => link.contains(document.elementFromPoint(x, y))",
+        [box["x"] + box["width"] / 2, box["y"] + box["height"] / 2],
+    )
+
+
 def test_a_search_keeps_the_order_and_the_head_of_the_ranks_leads_back_to_theirs(
     visit: Visit,
 ) -> None:
@@ -566,6 +595,9 @@ def test_a_tap_on_a_phone_opens_the_rest_of_a_row(visit: Visit) -> None:
     page.touchscreen.tap(box["x"] + 250, box["y"] + 40)
     assert row.locator("td.ur").is_visible()
     assert row.locator("td.split").is_visible()
+    page.set_viewport_size({"width": 320, "height": 640})
+    for number in row.locator("td:is(.pm, .dg)").all():
+        assert number.evaluate("cell => cell.scrollWidth <= cell.clientWidth"), number.inner_text()
 
 
 @pytest.mark.parametrize("part", [".pm b", ".tm", ".wk", "chevron"])
