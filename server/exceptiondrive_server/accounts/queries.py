@@ -11,9 +11,16 @@ from exceptiondrive_records.accounts.makers import (
     makers_of_tokens,
 )
 from exceptiondrive_records.accounts.tables import Token
-from exceptiondrive_records.accounts.tokens import names_of_actors
+from exceptiondrive_records.accounts.tokens import MEANING_OF_SCOPE, Scope, names_of_actors
+from exceptiondrive_schemas.api.form_fields import FormField
 
 _UNKNOWN = "not recorded"
+
+
+def scopes_field(scopes: Sequence[Scope]) -> FormField:
+    """Return the field in which the rights of a new token are ticked."""
+    options = tuple((str(scope), f"{MEANING_OF_SCOPE[scope]} ({scope})") for scope in scopes)
+    return FormField("scopes", "It may", "several", options=options)
 
 
 class TokenView(BaseModel):

@@ -28,7 +28,7 @@ from exceptiondrive_records.submissions.submissions import counts_by_team
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.teams.teams import find_team, list_teams, refuse_team
 from exceptiondrive_schemas.api.form_fields import FormField
-from exceptiondrive_server.accounts.queries import token_views
+from exceptiondrive_server.accounts.queries import scopes_field, token_views
 from exceptiondrive_server.audit.queries import history
 from exceptiondrive_server.participation.queries import participation_of, standings_of_teams
 from exceptiondrive_server.web.auth import ServicesOf
@@ -55,14 +55,10 @@ NEW_TEAM = (
 )  # fmt: skip
 NEW_TOKEN = (
     FormField("name", "Name", hint="what it is for", is_required=True, max_length=80),
-    *(
-        FormField(f"may_{n}", MEANING_OF_SCOPE[scope], "yes", scope)
-        for n, scope in enumerate(TEAM_SCOPES)
-    ),
+    scopes_field(TEAM_SCOPES),
     FormField("expires_at", "Expires at", "moment", "empty: never"),
 )
-"""A number behind `may_` stands for a scope that a team's token may have."""
-USUAL = {f"may_{n}": "yes" for n in range(len(TEAM_SCOPES))}
+USUAL = {"scopes": " ".join(TEAM_SCOPES)}
 """The first token of a team has every right that a team may have."""
 HISTORY = 50
 router = APIRouter(prefix="/organize", include_in_schema=False)
@@ -108,7 +104,7 @@ def post_token(browser: OrganizerBrowser, form: PostedForm, team_id: TeamId) -> 
                 session,
                 find_team(session, team_id).id,
                 values["name"],
-                tuple(scope for n, scope in enumerate(TEAM_SCOPES) if values[f"may_{n}"]),
+                values["scopes"],
                 values["expires_at"],
                 actor=browser.principal.actor,
             )
@@ -184,7 +180,7 @@ def _team(
         tokens=sorted(tokens, key=lambda one: not one[1]),
         made_by=made_by,
         rights_of=lambda token: [MEANING_OF_SCOPE[Scope(scope)] for scope in token.scopes],
-        issued=issued,
+        new_token=issued,
         lines=lines[:HISTORY],
         has_older_lines=len(lines) > HISTORY,
         n_submissions=n_submissions,
