@@ -247,14 +247,12 @@ def revocation(services: ServicesOf, token_id: TokenId) -> Step:
         (seen,) = token_views(session, [token], token.team_id)
         left = left_behind(session, f"token:{token.id}", token.team_id)
         made = [f"{one.name} ({one.prefix})" for one in left]
+    works_on = " What was made with it works on: revoke these too, if they are not wanted."
     return Step(
         section="teams",
         title=f"Revoke {token.name}",
         meaning="It stops working for good; browsers that signed in with it are signed out."
-        + (
-            " What was made with it works on: revoke these too, if they are not wanted."
-            * bool(made)
-        ),
+        f"{works_on if made else ''}",
         button="Revoke",
         back="/organize/teams" if team is None else f"/organize/teams/{team.slug}",
         back_words="Teams" if team is None else "The team",
