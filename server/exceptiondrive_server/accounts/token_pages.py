@@ -91,15 +91,14 @@ def _page(browser: SignedIn, issued: str | None = None) -> Response:
         now = database_now(session)
         tokens = team_tokens(session, browser.principal)
         views = team_token_views(session, team_id, tokens)
+        is_alive = [is_live(token, now) for token in tokens]
         actors = [f"token:{token.id}" for token in tokens]
         made_with = live_tokens_by_maker(session, actors, team_id)
     return my_page(
         browser,
         "accounts/tokens.html",
-        tokens=sorted(tokens, key=lambda token: not is_live(token, now)),
-        made_by={view.id: view.made_by for view in views},
+        tokens=sorted(zip(views, is_alive, strict=True), key=lambda line: not line[1]),
         made_with=made_with,
-        live={token.id for token in tokens if is_live(token, now)},
         fields=filled(_new_token(browser), {"scopes": " ".join(PARTICIPANT_SCOPES)}),
         meaning=MEANING_OF_SCOPE,
         new_token=issued,

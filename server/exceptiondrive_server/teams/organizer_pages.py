@@ -11,7 +11,6 @@ from exceptiondrive_records.accounts.makers import left_behind
 from exceptiondrive_records.accounts.tokens import (
     MEANING_OF_SCOPE,
     TEAM_SCOPES,
-    Scope,
     find_token,
     is_live,
     issue_token,
@@ -160,13 +159,11 @@ def _team(
     with browser.services.database.read() as session:
         team = find_team(session, slug)
         now = database_now(session)
-        tokens = [(token, is_live(token, now)) for token in list_tokens(session, team.id)]
+        tokens = list_tokens(session, team.id)
+        views = token_views(session, tokens, team.id)
+        is_alive = [is_live(token, now) for token in tokens]
         lines = history(session, team.slug, limit=HISTORY + 1)
         n_submissions = counts_by_team(session).get(team.id, 0)
-        made_by = {
-            view.id: view.made_by
-            for view in token_views(session, [token for token, _ in tokens], team.id)
-        }
         seen = participation_of(session, team)
         phases = list_phases(session, with_hidden=True)
         part_of = session.get(Team, team.merged_into_id) if team.merged_into_id else None
@@ -177,9 +174,8 @@ def _team(
         refusal=refusal,
         team=team,
         part_of=part_of,
-        tokens=sorted(tokens, key=lambda one: not one[1]),
-        made_by=made_by,
-        rights_of=lambda token: [MEANING_OF_SCOPE[Scope(scope)] for scope in token.scopes],
+        tokens=sorted(zip(views, is_alive, strict=True), key=lambda line: not line[1]),
+        meaning=MEANING_OF_SCOPE,
         new_token=issued,
         lines=lines[:HISTORY],
         has_older_lines=len(lines) > HISTORY,
