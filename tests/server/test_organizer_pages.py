@@ -124,9 +124,15 @@ def test_the_overview_names_what_waits(api: "Api", organizer: "TeamBrowser") -> 
         beat(session, "worker-7")
     page = organizer.get("/organize").text
     assert "No worker is alive" not in page
-    for words in ("1 submission failed", "1 team waits", "worker-7", "store_broken", "New Comers"):
+    assert "worker-7" in page
+    for words, link, named in (
+        ("1 submission failed", "/organize/submissions?status=failed", "store_broken"),
+        ("1 team waits", "/organize/teams?show=pending", "New Comers"),
+    ):
         assert words in page
-    assert "<b>new</b>" not in page
+        assert f'href="{link}"' in page
+        assert named in organizer.get(link).text
+        assert "<b>new</b>" not in organizer.get(link).text
 
 
 def test_the_overview_lists_the_worst_first_and_what_may_stand_for_a_season_last(

@@ -56,7 +56,6 @@ def show_overview(browser: OrganizerBrowser) -> Response:
         found = overview(session)
         runs = [run_line(session, run_view(session, run)) for run in found.open_runs]
         teams = list_teams(session)
-        team_names = {team.id: team.name for team in teams}
         is_new = all(team.is_reference or team.is_gone for team in teams)
         first = list(_first_steps(session)) if is_new else []
         titles = titles_of_phases(session)
@@ -70,7 +69,6 @@ def show_overview(browser: OrganizerBrowser) -> Response:
         tasks=[*sorted(tasks, key=lambda task: task[3] != "bad"), *first],
         runs=runs,
         titles=titles,
-        team_names=team_names,
         lane_titles=LANE_TITLES,
         slow_s=SLOW_S,
         duration=duration_words,
