@@ -24,7 +24,7 @@ from exceptiondrive_records.phases.phases import list_phases
 from exceptiondrive_records.phases.policy import is_open
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_server.launcher.broker import broker_command, find_broker_binary, socket_path
-from exceptiondrive_server.launcher.child import Child, ChildPlan, LaunchError, die_with_parent
+from exceptiondrive_server.launcher.child import Child, ChildPlan, LaunchError, Say, die_with_parent
 from exceptiondrive_server.launcher.layout import (
     Address,
     BrokerFolder,
@@ -39,7 +39,6 @@ from exceptiondrive_server.launcher.layout import (
 )
 from exceptiondrive_server.launcher.own_split import open_phase_on
 from exceptiondrive_server.launcher.sample import PHASES, tell_page
-from exceptiondrive_server.launcher.steps import Say
 from exceptiondrive_server.launcher.users import own_user_of_server
 
 _TICK_S = 0.1

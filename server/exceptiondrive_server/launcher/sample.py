@@ -23,9 +23,8 @@ from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.base import Document
 from exceptiondrive_schemas.challenges import PLANNING, STRATEGY, ChallengeId
 from exceptiondrive_schemas.protocol import NEWEST, packaged_protocol_toml
-from exceptiondrive_server.launcher.child import LaunchError
+from exceptiondrive_server.launcher.child import LaunchError, Say, run_step
 from exceptiondrive_server.launcher.layout import Layout, find_command, worker_environment
-from exceptiondrive_server.launcher.steps import Say, run_step
 
 SPLIT = "sample"
 ACTOR = "operator:sample"
