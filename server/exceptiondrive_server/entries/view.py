@@ -70,7 +70,7 @@ def entry_page(reading: EntryData) -> dict[str, Any]:
     board, entry, sheet = reading.board, reading.entry, reading.sheet
     challenge, publication = challenge_of(board), reading.protocol.publication
     digits = Digits.of(publication, has_fine_intervals=board.has_fine_intervals)
-    builder = RowBuilder.of(board, board.headline, digits, is_current=reading.is_current)
+    builder = RowBuilder(board, board.headline, digits, is_current=reading.is_current)
     row, plausibility = builder.row(entry), reading.protocol.plausibility
     other = OTHER_AVERAGE[board.headline]
     effects = effect_table(board, entry, digits)
