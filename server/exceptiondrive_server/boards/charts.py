@@ -215,19 +215,13 @@ def charted_entries(board: Board) -> tuple[BoardEntry, ...]:
 
 
 def _not_charted(board: Board) -> str:
-    """Say which scored entries the chart of a board leaves out; nothing where it draws all."""
-    scored = [entry for entry in board.entries if entry.source == "scored"]
-    if len(scored) <= MAX_SCORED:
+    """Say how many scored entries the chart of a board leaves out; nothing where it draws all."""
+    n_scored = sum([entry.source == "scored" for entry in board.entries])
+    if n_scored <= MAX_SCORED:
         return ""
-    ranked = sum([entry.rank is not None for entry in scored])
-    listed = len(scored) - ranked
-    drawn = f"all {ranked} ranked" if ranked else ""
-    if ranked > MAX_SCORED:
-        drawn = f"the first {MAX_SCORED} of {ranked:,} ranked"
-    if listed and ranked >= MAX_SCORED:
-        return f"Drawn are {drawn}, and none that is listed without a rank."
-    rest = f"the first {MAX_SCORED - ranked} of {listed:,} listed without a rank" if listed else ""
-    return f"Drawn are {' and '.join(filter(None, [drawn, rest]))}."
+    return (
+        f"Drawn are the first {MAX_SCORED} of {n_scored:,} scored, those with a rank before others."
+    )
 
 
 @template_filter

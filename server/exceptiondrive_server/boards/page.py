@@ -490,16 +490,12 @@ def _kept_back(board: Board, now: PhaseNow) -> Iterator[Notice]:
             "when the organizers reveal the board, for which there is no date."
         )
         yield Notice(words)
-    if board.part == "public":
-        words = (
-            f"This board counts {board.n_samples:,} samples, the public part of the split. "
-            "The others count when the organizers reveal them after the deadline."
-        )
-        yield Notice(words)
-    elif board.part is not None:
+    if board.part is not None:
         words = (
             f"This board counts {board.n_samples:,} samples, the {board.part} part of the split."
         )
+        if board.part == "public":
+            words += " The others count when the organizers reveal them after the deadline."
         yield Notice(words)
     if now.families_shown_from is not None:
         yield Notice(f"Families are shown from {minute(now.families_shown_from)}.")
