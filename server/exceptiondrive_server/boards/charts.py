@@ -161,16 +161,6 @@ class ScatterChart:
     """Whether a reference stands at the left edge, since it has nothing along x."""
     description: str
 
-    @property
-    def x_title(self) -> str:
-        """What stands along x."""
-        return _axis_title(self.x_metric)
-
-    @property
-    def y_title(self) -> str:
-        """What stands along y."""
-        return _axis_title(self.y_metric)
-
 
 @dataclass(frozen=True)
 class _Mark:
@@ -282,8 +272,9 @@ def scatter_chart(
     )
 
 
-def _axis_title(metric: Metric) -> str:
-    """The title with its abbreviation, where the label is one."""
+@template_filter
+def axis_title(metric: Metric) -> str:
+    """Return what stands along an axis: the title with its abbreviation, where the label is one."""
     return f"{metric.title}, {metric.label} %" if metric.label.isupper() else f"{metric.title}, %"
 
 
