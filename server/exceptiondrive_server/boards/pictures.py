@@ -153,7 +153,7 @@ def foot(board: Board) -> str:
 
 
 def _rows(board: Board, digits: Digits) -> tuple[PictureRow, ...]:
-    builder = RowBuilder.of(board, board.headline, digits)
+    builder = RowBuilder(board, board.headline, digits)
     ranked = sorted((e for e in board.entries if e.rank is not None), key=lambda e: e.rank or 0)
     rows = [builder.row(entry) for entry in ranked[:MAX_ROWS]]
     return tuple(_row(at, row, row.entry is board.leader) for at, row in enumerate(rows))

@@ -56,7 +56,7 @@ def test_what_left_is_counted_and_named_with_its_rank(lively_board: Board) -> No
 def test_a_protocol_update_comes_first_and_leads_to_its_page(lively_board: Board) -> None:
     line = change_line(with_ranks(lively_board, {}), replace(BEFORE, protocol="0.9"))
     assert line.words == "Since board 6 of 20 Nov 2026: protocol 0.9 became 1.0."
-    assert line.protocol_url == "/protocols/1.0"
+    assert line.has_new_protocol
 
 
 @pytest.mark.parametrize(
@@ -77,10 +77,7 @@ def test_other_samples_are_said_where_no_rank_moved(
 
 def test_nothing_new_and_nothing_before_are_said(lively_board: Board) -> None:
     quiet = change_line(with_ranks(lively_board, {}), BEFORE)
-    assert (quiet.words, quiet.protocol_url) == (
-        "Since board 6 of 20 Nov 2026 no rank moved.",
-        None,
-    )
+    assert quiet == ("Since board 6 of 20 Nov 2026 no rank moved.", False)
     assert change_line(lively_board, None).words == "This is the first board of its phase."
 
 
