@@ -60,24 +60,14 @@ _LISTED_BY = {
 }
 """Which command lists them, by what the server calls one that it does not know."""
 _PASSING = (ProblemCode.TOO_MANY_REQUESTS, ProblemCode.STORE_UNAVAILABLE)
-_KINDS: dict[ProblemCode, type[ExceptionDriveError]] = {
-    ProblemCode.NOT_SIGNED_IN: NotSignedInError,
-    ProblemCode.NOT_ALLOWED: NotAllowedError,
-    ProblemCode.PHASE_CLOSED: NotAllowedError,
-    ProblemCode.CONFLICT: NotAllowedError,
-    ProblemCode.NOT_FOUND: NotFoundError,
-    ProblemCode.TOO_MANY_REQUESTS: NetworkError,
-    ProblemCode.STORE_UNAVAILABLE: ServerError,
-    ProblemCode.INTERNAL: ServerError,
-}
-_KINDS_OF_STATUSES: dict[int, type[ExceptionDriveError]] = {
+_KINDS: dict[int, type[ExceptionDriveError]] = {
     401: NotSignedInError,
     403: NotAllowedError,
     404: NotFoundError,
     409: NotAllowedError,
     429: NetworkError,
 }
-"""Of a problem whose code a newer server has."""
+"""By the status of a problem; else it is the request that is wrong, or from 500 on the server."""
 _QUOTA_CODES = (ProblemCode.QUOTA_EXCEEDED, ProblemCode.REJECTED_CAP_EXCEEDED)
 RETRIED_STATUSES = frozenset({502, 503, 504})
 ATTEMPTS = 5
@@ -191,24 +181,29 @@ def error_of(problem: Problem, wait_s: float | None = None) -> ExceptionDriveErr
         problem: What the server said.
         wait_s: Seconds of its Retry-After header.
     """
-    if problem.code not in list(ProblemCode):
-        return _newer_problem(problem)
     if problem.code in _QUOTA_CODES:
         return QuotaError(problem.code.value, problem.detail, problem.resets_at)
-    if problem.code in _PASSING:
-        return _KINDS[problem.code](problem.code.value, problem.detail, _again_in(wait_s))
-    advice = _ADVICE.get(problem.code, "")
-    is_ours = problem.code is ProblemCode.INTERNAL
-    if is_ours and problem.request_id and problem.request_id not in problem.detail:
-        advice = f"Tell the organizers this request id: {problem.request_id}."
-    unknown = problem.detail.removeprefix("There is no ").partition(" '")[0]
-    if problem.code is ProblemCode.NOT_FOUND and unknown in _LISTED_BY:
-        advice = f"`exceptiondrive {_LISTED_BY[unknown]}` lists what there is."
-    kind = _KINDS.get(problem.code)
-    if kind is None:
+    usual = InvalidArgumentError if problem.status < 500 else ServerError
+    kind = _KINDS.get(problem.status, usual)
+    advice = _advice_on(problem, wait_s)
+    if kind is InvalidArgumentError or problem.code is ProblemCode.NOT_CONFIRMED:
         sentence = " ".join([problem.detail, *(f"{k}: {v}" for k, v in problem.fields.items())])
         return InvalidArgumentError(problem.code.value, sentence, advice, problem.fields)
     return kind(problem.code.value, problem.detail, advice)
+
+
+def _advice_on(problem: Problem, wait_s: float | None) -> str:
+    if problem.code not in list(ProblemCode):
+        return "The newest client, from the page /client/ of the server, may know what to do."
+    if problem.code in _PASSING:
+        return _again_in(wait_s)
+    is_ours = problem.code is ProblemCode.INTERNAL
+    if is_ours and problem.request_id and problem.request_id not in problem.detail:
+        return f"Tell the organizers this request id: {problem.request_id}."
+    unknown = problem.detail.removeprefix("There is no ").partition(" '")[0]
+    if problem.code is ProblemCode.NOT_FOUND and unknown in _LISTED_BY:
+        return f"`exceptiondrive {_LISTED_BY[unknown]}` lists what there is."
+    return _ADVICE.get(problem.code, "")
 
 
 def retry_after_s(response: httpx.Response) -> float | None:
@@ -223,14 +218,6 @@ def _again_in(wait_s: float | None) -> str:
         return "Wait a little and run the same command again."
     length = f"{wait_s:g} s" if wait_s < 180 else f"{math.ceil(wait_s / 60)} minutes"
     return f"Run the same command again in {length}, as the server asks."
-
-
-def _newer_problem(problem: Problem) -> ExceptionDriveError:
-    """Return the error for a problem whose code this client does not know."""
-    usual = InvalidArgumentError if problem.status < 500 else ServerError
-    advice = "The newest client, from the page /client/ of the server, may know what to do."
-    kind = _KINDS_OF_STATUSES.get(problem.status, usual)
-    return kind(problem.code.value, problem.detail, advice)
 
 
 def _unknown_answer(response: httpx.Response) -> ExceptionDriveError:
@@ -291,15 +278,11 @@ def _require_sendable(attempts: object, timeout_s: object) -> None:
         InvalidArgumentError: They are such, or no numbers.
     """
     if not (isinstance(attempts, int) and attempts >= 1):
-        raise InvalidArgumentError(
-            "wrong_argument",
-            f"attempts is a whole number from 1 on, not {attempts!r}.",
-            "The first one counts, too: 1 sends nothing again.",
-        )
+        words = f"attempts is a whole number from 1 on, the first counts too, not {attempts!r}."
+        raise InvalidArgumentError("wrong_argument", words)
     if not (isinstance(timeout_s, int | float) and timeout_s > 0):
-        raise InvalidArgumentError(
-            "wrong_argument", f"timeout_s is a number of seconds above 0, not {timeout_s!r}."
-        )
+        words = f"timeout_s is a number of seconds above 0, not {timeout_s!r}."
+        raise InvalidArgumentError("wrong_argument", words)
 
 
 class Transport:
