@@ -36,11 +36,7 @@ def server_setting(server: str | None = None) -> Setting:
 
 
 def find_server(server: str | None = None) -> str:
-    """Return the address of the server, without a slash at the end.
-
-    Raises:
-        InvalidArgumentError: Not an http or https address.
-    """
+    """Return the address of the server, without a slash at the end."""
     return normal_server(str(server_setting(server).value))
 
 
@@ -61,22 +57,13 @@ def normal_server(server: str) -> str:
 
 
 def find_token(server: str) -> str | None:
-    """Return the token for this server, or None.
-
-    Raises:
-        NotAllowedError: Others can read the file of tokens.
-    """
+    """Return the token for this server, or None."""
     token = os.environ.get(TOKEN_VARIABLE, "").strip()
     return token or _read().get("tokens", {}).get(server)
 
 
 def keep_token(server: str, token: str) -> Path:
-    """Keep a token for this server, and make the server the usual one; return the file.
-
-    Raises:
-        NotAllowedError: Others can read the file of tokens.
-        InvalidArgumentError: It cannot be written.
-    """
+    """Keep a token for this server, and make the server the usual one; return the file."""
     content = _read()
     tokens = {**content.get("tokens", {}), server: token}
     return _write({"server": server, "tokens": tokens})

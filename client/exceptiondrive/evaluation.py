@@ -258,11 +258,7 @@ def _worst_first(result: SampleResult) -> tuple[float, float, float, str]:
 
 
 def require_numpy() -> None:
-    """Refuse with a hint where numpy is missing.
-
-    Raises:
-        InvalidArgumentError: It is.
-    """
+    """Refuse with a hint where numpy is missing."""
     try:
         import numpy as np  # noqa: F401
     except ModuleNotFoundError:

@@ -87,11 +87,7 @@ class Scenes:
         return [each.sample_id for each in in_turn(answered)][:count]
 
     def scene(self, sample_id: str) -> SampleDrawing:
-        """Return what a picture of one sample shows.
-
-        Raises:
-            InvalidArgumentError: The split has no such sample.
-        """
+        """Return what a picture of one sample shows."""
         if sample_id not in self.sample_ids:
             raise InvalidArgumentError(
                 "unknown_sample",
@@ -243,11 +239,7 @@ def plot_file(
 
 
 def png_bytes(svg: str) -> bytes:
-    """Render an SVG at twice its size.
-
-    Raises:
-        InvalidArgumentError: The extra `plot` is missing.
-    """
+    """Render an SVG at twice its size."""
     try:
         from resvg_py import svg_to_bytes
     except ModuleNotFoundError:

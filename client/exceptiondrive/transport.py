@@ -60,24 +60,14 @@ _LISTED_BY = {
 }
 """Which command lists them, by what the server calls one that it does not know."""
 _PASSING = (ProblemCode.TOO_MANY_REQUESTS, ProblemCode.STORE_UNAVAILABLE)
-_KINDS: dict[ProblemCode, type[ExceptionDriveError]] = {
-    ProblemCode.NOT_SIGNED_IN: NotSignedInError,
-    ProblemCode.NOT_ALLOWED: NotAllowedError,
-    ProblemCode.PHASE_CLOSED: NotAllowedError,
-    ProblemCode.CONFLICT: NotAllowedError,
-    ProblemCode.NOT_FOUND: NotFoundError,
-    ProblemCode.TOO_MANY_REQUESTS: NetworkError,
-    ProblemCode.STORE_UNAVAILABLE: ServerError,
-    ProblemCode.INTERNAL: ServerError,
-}
-_KINDS_OF_STATUSES: dict[int, type[ExceptionDriveError]] = {
+_KINDS: dict[int, type[ExceptionDriveError]] = {
     401: NotSignedInError,
     403: NotAllowedError,
     404: NotFoundError,
     409: NotAllowedError,
     429: NetworkError,
 }
-"""Of a problem whose code a newer server has."""
+"""By the status of a problem; else it is the request that is wrong, or from 500 on the server."""
 _QUOTA_CODES = (ProblemCode.QUOTA_EXCEEDED, ProblemCode.REJECTED_CAP_EXCEEDED)
 RETRIED_STATUSES = frozenset({502, 503, 504})
 ATTEMPTS = 5
@@ -191,24 +181,29 @@ def error_of(problem: Problem, wait_s: float | None = None) -> ExceptionDriveErr
         problem: What the server said.
         wait_s: Seconds of its Retry-After header.
     """
-    if problem.code not in list(ProblemCode):
-        return _newer_problem(problem)
     if problem.code in _QUOTA_CODES:
         return QuotaError(problem.code.value, problem.detail, problem.resets_at)
-    if problem.code in _PASSING:
-        return _KINDS[problem.code](problem.code.value, problem.detail, _again_in(wait_s))
-    advice = _ADVICE.get(problem.code, "")
-    is_ours = problem.code is ProblemCode.INTERNAL
-    if is_ours and problem.request_id and problem.request_id not in problem.detail:
-        advice = f"Tell the organizers this request id: {problem.request_id}."
-    unknown = problem.detail.removeprefix("There is no ").partition(" '")[0]
-    if problem.code is ProblemCode.NOT_FOUND and unknown in _LISTED_BY:
-        advice = f"`exceptiondrive {_LISTED_BY[unknown]}` lists what there is."
-    kind = _KINDS.get(problem.code)
-    if kind is None:
+    usual = InvalidArgumentError if problem.status < 500 else ServerError
+    kind = _KINDS.get(problem.status, usual)
+    advice = _advice_on(problem, wait_s)
+    if kind is InvalidArgumentError or problem.code is ProblemCode.NOT_CONFIRMED:
         sentence = " ".join([problem.detail, *(f"{k}: {v}" for k, v in problem.fields.items())])
         return InvalidArgumentError(problem.code.value, sentence, advice, problem.fields)
     return kind(problem.code.value, problem.detail, advice)
+
+
+def _advice_on(problem: Problem, wait_s: float | None) -> str:
+    if problem.code not in list(ProblemCode):
+        return "The newest client, from the page /client/ of the server, may know what to do."
+    if problem.code in _PASSING:
+        return _again_in(wait_s)
+    is_ours = problem.code is ProblemCode.INTERNAL
+    if is_ours and problem.request_id and problem.request_id not in problem.detail:
+        return f"Tell the organizers this request id: {problem.request_id}."
+    unknown = problem.detail.removeprefix("There is no ").partition(" '")[0]
+    if problem.code is ProblemCode.NOT_FOUND and unknown in _LISTED_BY:
+        return f"`exceptiondrive {_LISTED_BY[unknown]}` lists what there is."
+    return _ADVICE.get(problem.code, "")
 
 
 def retry_after_s(response: httpx.Response) -> float | None:
@@ -223,14 +218,6 @@ def _again_in(wait_s: float | None) -> str:
         return "Wait a little and run the same command again."
     length = f"{wait_s:g} s" if wait_s < 180 else f"{math.ceil(wait_s / 60)} minutes"
     return f"Run the same command again in {length}, as the server asks."
-
-
-def _newer_problem(problem: Problem) -> ExceptionDriveError:
-    """Return the error for a problem whose code this client does not know."""
-    usual = InvalidArgumentError if problem.status < 500 else ServerError
-    advice = "The newest client, from the page /client/ of the server, may know what to do."
-    kind = _KINDS_OF_STATUSES.get(problem.status, usual)
-    return kind(problem.code.value, problem.detail, advice)
 
 
 def _unknown_answer(response: httpx.Response) -> ExceptionDriveError:
@@ -285,21 +272,13 @@ def _through_proxy(server: str) -> str:
 
 
 def _require_sendable(attempts: object, timeout_s: object) -> None:
-    """Refuse numbers with which no request would ever be sent.
-
-    Raises:
-        InvalidArgumentError: They are such, or no numbers.
-    """
+    """Refuse numbers with which no request would ever be sent."""
     if not (isinstance(attempts, int) and attempts >= 1):
-        raise InvalidArgumentError(
-            "wrong_argument",
-            f"attempts is a whole number from 1 on, not {attempts!r}.",
-            "The first one counts, too: 1 sends nothing again.",
-        )
+        words = f"attempts is a whole number from 1 on, the first counts too, not {attempts!r}."
+        raise InvalidArgumentError("wrong_argument", words)
     if not (isinstance(timeout_s, int | float) and timeout_s > 0):
-        raise InvalidArgumentError(
-            "wrong_argument", f"timeout_s is a number of seconds above 0, not {timeout_s!r}."
-        )
+        words = f"timeout_s is a number of seconds above 0, not {timeout_s!r}."
+        raise InvalidArgumentError("wrong_argument", words)
 
 
 class Transport:
@@ -552,11 +531,7 @@ class Connection:
         return f"<{type(self).__name__} of {self.server}>"
 
     def __reduce__(self) -> NoReturn:
-        """Refuse to be pickled or copied, with a token and open connections.
-
-        Raises:
-            InvalidArgumentError: Always.
-        """
+        """Refuse to be pickled or copied, with a token and open connections."""
         raise InvalidArgumentError(
             "not_pickled",
             f"A {type(self).__name__} holds a token and open connections, and is not pickled.",
@@ -641,11 +616,7 @@ def open_link(url: str, from_byte: int = 0) -> Iterator[tuple[Iterator[bytes], i
 
 
 def is_here(url: str | httpx.URL) -> bool:
-    """Whether an address is one of this very machine.
-
-    Raises:
-        InvalidArgumentError: It is no address.
-    """
+    """Whether an address is one of this very machine."""
     try:
         return is_this_machine(httpx.URL(url).host)
     except httpx.InvalidURL:
@@ -653,11 +624,7 @@ def is_here(url: str | httpx.URL) -> bool:
 
 
 def require_private_link(request: httpx.Request, *, may_be_here: bool) -> None:
-    """Refuse an address in the clear, and one of this machine where a stranger's list leads to it.
-
-    Raises:
-        InvalidArgumentError: It is one.
-    """
+    """Refuse an address in the clear, and one of this machine where a stranger's list leads to it."""
     here = is_here(request.url)
     if here and not may_be_here:
         raise InvalidArgumentError("wrong_link", f"{request.url} leads to this very machine.")
@@ -674,22 +641,14 @@ def _first_byte(response: httpx.Response) -> int:
 
 
 def quoted(name: str) -> str:
-    """Return a name as one part of a path, whatever it holds.
-
-    Raises:
-        InvalidArgumentError: It is no text, or an empty one.
-    """
+    """Return a name as one part of a path, whatever it holds."""
     if not require_text(name):
         raise InvalidArgumentError("wrong_argument", "A name or id is empty.")
     return quote(name, safe="")
 
 
 def require_text(value: object, what: str = "A name or id") -> str:
-    """Return a text that was given.
-
-    Raises:
-        InvalidArgumentError: It is something else.
-    """
+    """Return a text that was given."""
     if isinstance(value, str):
         return value
     raise InvalidArgumentError("wrong_argument", f"{what} is a text, not {type(value).__name__}.")

@@ -42,11 +42,7 @@ def unless_missing(points: Waypoints) -> Waypoints | None:
 
 
 def require_columns(path: Path, names: Collection[str]) -> None:
-    """Refuse a table of waypoints that lacks a column.
-
-    Raises:
-        InvalidArgumentError: It lacks one.
-    """
+    """Refuse a table of waypoints that lacks a column."""
     absent = sorted(set(CSV_COLUMNS) - set(names))
     if absent:
         raise fault(
@@ -55,11 +51,7 @@ def require_columns(path: Path, names: Collection[str]) -> None:
 
 
 def pairs_of_rows(path: Path, rows: Iterable[tuple[str, dict[str, Any]]]) -> Iterator[RawPair]:
-    """Gather waypoints, one a row, in any order; each row with where it stands.
-
-    Raises:
-        InvalidArgumentError: A row is wrong or there twice, or a step is missing.
-    """
+    """Gather waypoints, one a row, in any order; each row with where it stands."""
     points: dict[str, dict[str, dict[int, tuple[float, ...]]]] = {}
     for where, row in rows:
         if row.get("trajectory") not in SIDES:

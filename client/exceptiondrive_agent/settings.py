@@ -15,11 +15,7 @@ _OUR_FIELDS = frozenset({"model", "messages", "response_format", "stream", "n"})
 
 
 def run_settings(given: Mapping[str, Any], environment: Mapping[str, str]) -> RunSettings:
-    """Return the settings that the options of `remind` or `decide` mean; the environment holds the key.
-
-    Raises:
-        InvalidArgumentError: An option makes no sense; the message names it.
-    """
+    """Return the settings that the options of `remind` or `decide` mean; the environment holds the key."""
     return RunSettings(
         protocol=given_protocol(given["protocol"]),
         endpoint=EndpointSettings(
@@ -59,11 +55,7 @@ def checked_base_url(text: str) -> str:
 
 
 def extra_fields(text: str | None) -> dict[str, Any]:
-    """Parse --extra-body.
-
-    Raises:
-        AgentError: Not a JSON object, or it replaces a field that the agent itself must set.
-    """
+    """Parse --extra-body."""
     if text is None:
         return {}
     try:

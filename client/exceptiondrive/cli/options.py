@@ -72,11 +72,7 @@ def phase(words: str, metavar: str = "PHASE") -> Any:
 
 
 def require_one_of(name: str, said: object, values: Iterable[object]) -> None:
-    """Refuse what an option does not take; None: it was not given.
-
-    Raises:
-        InvalidArgumentError: It is none of the values; the sentence names them.
-    """
+    """Refuse what an option does not take; None: it was not given."""
     *first, last = known = [*map(str, values)]
     if said is not None and str(said) not in known:
         raise InvalidArgumentError(
@@ -109,11 +105,7 @@ Output = Annotated[Path | None, output("Else named by what it is.")]
 
 
 def given(file: Path, context: typer.Context | None = None) -> GivenFile:
-    """Return what a file holds that was named, or stdin where it is `-`.
-
-    Raises:
-        InvalidArgumentError: It cannot be read, or is not the only one.
-    """
+    """Return what a file holds that was named, or stdin where it is `-`."""
     if context is not None and context.args:
         names = shlex.join([str(file), *context.args])
         raise InvalidArgumentError(

@@ -90,11 +90,7 @@ def show_result(
 
 
 def saved(path: Path, data: bytes) -> Answer:
-    """Write a new file, never over another one, and return which.
-
-    Raises:
-        InvalidArgumentError: It is there already, or cannot be written.
-    """
+    """Write a new file, never over another one, and return which."""
     from exceptiondrive.inputs import require_name
 
     require_name(path)
@@ -162,11 +158,7 @@ def be_sure(
     question: str = "",
     nothing: str = "Nothing was changed.",
 ) -> None:
-    """Ask before what cannot be taken back, unless an option has said yes.
-
-    Raises:
-        InvalidArgumentError: Nobody can be asked, or the answer is no.
-    """
+    """Ask before what cannot be taken back, unless an option has said yes."""
     if is_said:
         return
     if not can_ask():
