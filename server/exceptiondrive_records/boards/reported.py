@@ -30,7 +30,6 @@ def import_board(
     `cite` is an address or a citation, `file` a text that `read_rows` takes.
 
     Raises:
-        NotFound: No such phase.
         InvalidRecord: A text cannot be used, or rows are refused: each is named.
         Conflict: The very rows stand beside the phase already.
     """
@@ -63,8 +62,6 @@ def withdraw_reported_board(
     """Take the rows of another board away from a phase; they can be imported again.
 
     Raises:
-        NotFound: There are none of this id beside the phase.
-        InvalidRecord: The reason is empty.
         Conflict: They are withdrawn already.
     """
     row = find_reported_board(session, phase_id, reported_id, lock=True)

@@ -18,7 +18,10 @@ class RecordsError(Exception):
 
 
 class InvalidRecord(RecordsError):
-    """A value cannot be taken as given; `fields` names the parts of the request that are wrong."""
+    """A value cannot be taken as given; `fields` names the parts of the request that are wrong.
+
+    Whatever takes a reason or another text raises it for one that cannot be kept, and need not say so.
+    """
 
     code = ProblemCode.BAD_REQUEST
 
@@ -38,7 +41,10 @@ class NotListed(InvalidRecord):
 
 
 class NotFound(RecordsError):
-    """There is no such thing, or it is not the asker's to see: the sentence is the same."""
+    """There is no such thing, or it is not the asker's to see: the sentence is the same.
+
+    Whatever takes the id of something raises it where there is none, and need not say so.
+    """
 
     code = ProblemCode.NOT_FOUND
 

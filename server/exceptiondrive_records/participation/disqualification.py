@@ -41,8 +41,6 @@ def disqualify_team(
     """Take a team off the boards of a phase, or of all; it submits nothing until it is reinstated.
 
     Raises:
-        NotFound: No such team or phase.
-        InvalidRecord: A text cannot be kept.
         Conflict: It is disqualified there already, waits for approval, or is part of another one; the
             phase is hidden, and the team would learn of it.
     """
@@ -66,8 +64,6 @@ def disqualify_submission(
     """Take one submission off the boards; its team may not submit the same bytes again.
 
     Raises:
-        NotFound: No such submission.
-        InvalidRecord: A text cannot be kept.
         Conflict: It is disqualified already, or its team became part of another one meanwhile.
     """
     submission = find_submission(session, submission_id)
@@ -118,8 +114,6 @@ def reinstate(
     """End a disqualification: what no other one keeps off the boards stands on the next ones.
 
     Raises:
-        NotFound: There is none.
-        InvalidRecord: The reason cannot be kept.
         Conflict: It has ended already, or its team became part of another one meanwhile.
     """
     row = find_disqualification(session, disqualification_id)

@@ -59,8 +59,6 @@ def delete_protocol(
     """Delete a protocol that nothing was ever made of; its version may be taken again.
 
     Raises:
-        NotFound: There is none.
-        InvalidRecord: The reason is empty.
         Conflict: A phase or a run names it, a split was opened under it, or it came with this software.
     """
     row = find_protocol_row(session, version_or_digest)

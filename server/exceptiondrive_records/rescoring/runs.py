@@ -28,11 +28,7 @@ def list_runs(
     only_open: bool = False,
     limit: int | None = None,
 ) -> list[RescoringRun]:
-    """Return runs of a kind, newest first, at most so many.
-
-    Raises:
-        NotFound: There is no such phase.
-    """
+    """Return runs of a kind, newest first, at most so many."""
     query = select(RescoringRun).where(RescoringRun.kind == kind)
     query = query.order_by(RescoringRun.created_at.desc(), RescoringRun.id)
     if phase_id is not None:

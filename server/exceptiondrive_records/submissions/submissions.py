@@ -231,7 +231,6 @@ def accept(
 
     Raises:
         NotFound: No such phase, or the team has no submission to link to.
-        InvalidRecord: A text or link cannot be used.
         Conflict: The counterpart has no score, the same bytes are there with other words, the
             key names another upload, or the team was refused.
         NotAllowed: The team waits for approval, is disqualified, or has not accepted the terms.
@@ -312,7 +311,6 @@ def confirm(session: Session, submission_id: str, *, actor: str) -> Submission:
     so that no confirmation under way loses it.
 
     Raises:
-        NotFound: No such submission.
         Conflict: Nothing is asked of it, or the time to confirm has passed.
         RecordsError: It is refused as by `accept`.
     """
@@ -421,7 +419,6 @@ def withdraw(session: Session, submission_id: str, *, actor: str) -> Submission:
     Withdrawing twice does nothing.
 
     Raises:
-        NotFound: No such submission.
         Conflict: It was rejected or has failed: there is nothing to withdraw.
     """
     lock_jobs(session, Job.submission_id == submission_id)
