@@ -234,11 +234,7 @@ def revoke_token(session: Session, token_id: str, *, actor: str) -> Token:
 
 
 def find_token(session: Session, token_id: str) -> Token:
-    """Return a token.
-
-    Raises:
-        NotFound: There is none with this id.
-    """
+    """Return a token."""
     return find_row(session, Token, "token", token_id)
 
 

@@ -77,11 +77,7 @@ def withdraw_reported_board(
 def find_reported_board(
     session: Session, phase_id: str, reported_id: str, *, lock: bool = False
 ) -> ReportedBoard:
-    """Return an imported board of a phase.
-
-    Raises:
-        NotFound: There is none of this id beside the phase.
-    """
+    """Return an imported board of a phase."""
     row = session.get(ReportedBoard, reported_id, with_for_update=lock, populate_existing=lock)
     if row is None or row.phase_id != phase_id:
         raise NotFound("reported board", reported_id)

@@ -76,11 +76,7 @@ def withdraw_news(session: Session, news_id: str, *, reason: str, actor: str) ->
 
 
 def find_news(session: Session, news_id: str, *, lock: bool = False) -> News:
-    """Return news, withdrawn ones too.
-
-    Raises:
-        NotFound: There are none of this id.
-    """
+    """Return news, withdrawn ones too."""
     return find_row(session, News, "news", news_id, lock=lock)
 
 

@@ -123,11 +123,7 @@ def _as_words(line: str) -> str:
 
 
 def find_question(session: Session, question_id: str, *, lock: bool = False) -> Question:
-    """Return a question, answered or not.
-
-    Raises:
-        NotFound: There is none.
-    """
+    """Return a question, answered or not."""
     return find_row(session, Question, "question", question_id, lock=lock)
 
 

@@ -92,11 +92,7 @@ def change_team(
 
 
 def checked_affiliation(text: str) -> str:
-    """Return an affiliation that can be shown.
-
-    Raises:
-        InvalidRecord: It is too long, or cannot be shown.
-    """
+    """Return an affiliation that can be shown."""
     return checked_text("affiliation", text, max_length=MAX_AFFILIATION, may_be_empty=True)
 
 

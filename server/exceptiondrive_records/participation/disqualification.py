@@ -172,11 +172,7 @@ def _publish(
 
 
 def find_disqualification(session: Session, disqualification_id: int) -> Disqualification:
-    """Return a disqualification.
-
-    Raises:
-        NotFound: There is none.
-    """
+    """Return a disqualification."""
     return find_row(session, Disqualification, "disqualification", disqualification_id)
 
 

@@ -141,11 +141,7 @@ def _digest_of_new(
 
 
 def checked_message(title: str, text: str) -> tuple[str, tuple[str, ...]]:
-    """Return title and paragraphs of a message as it would be told.
-
-    Raises:
-        InvalidRecord: One of them is empty, too long, or cannot be shown.
-    """
+    """Return title and paragraphs of a message as it would be told."""
     title = checked_text("title", title, max_length=MAX_TITLE)
     text = checked_text("text", text, max_length=MAX_TEXT, may_have_lines=True)
     paragraphs = (" ".join(part.split()) for part in text.split("\n\n"))

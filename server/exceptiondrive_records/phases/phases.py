@@ -137,11 +137,7 @@ def create_phase(session: Session, new: NewPhase, *, actor: str) -> Phase:
 
 
 def find_phase(session: Session, phase_id: str) -> Phase:
-    """Return a phase.
-
-    Raises:
-        NotFound: There is none with this id.
-    """
+    """Return a phase."""
     return find_row(session, Phase, "phase", phase_id)
 
 

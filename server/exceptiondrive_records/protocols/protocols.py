@@ -119,11 +119,7 @@ def checked_protocol(session: Session, toml: str) -> ProtocolDocument:
 
 
 def find_protocol_row(session: Session, version_or_digest: str) -> ProtocolRow:
-    """Return the row of a protocol, by version or digest.
-
-    Raises:
-        NotFound: There is none.
-    """
+    """Return the row of a protocol, by version or digest."""
     row = session.scalars(_BY_NAME, {"name": version_or_digest}).first()
     if row is None:
         raise NotFound("protocol", version_or_digest)
@@ -134,7 +130,6 @@ def find_protocol(session: Session, version_or_digest: str) -> ProtocolDocument:
     """Return a protocol, by version or digest.
 
     Raises:
-        NotFound: There is none.
         Conflict: The recorded text no longer has the recorded digest: someone edited it in place.
     """
     row = find_protocol_row(session, version_or_digest)

@@ -12,11 +12,7 @@ _OPEN = [state for state in RunState if not state.is_final]
 
 
 def find_run(session: Session, run_id: str, *, lock: bool = False) -> RescoringRun:
-    """Return a run.
-
-    Raises:
-        NotFound: There is none.
-    """
+    """Return a run."""
     return find_row(session, RescoringRun, "rescoring run", run_id, lock=lock)
 
 

@@ -143,11 +143,7 @@ def publish_split(
 
 
 def find_split(session: Session, name: str, revision: str | None = None) -> SplitRow:
-    """Return a split, by default the whole one that was registered last.
-
-    Raises:
-        NotFound: There is none.
-    """
+    """Return a split, by default the whole one that was registered last."""
     query = select(SplitRow).where(SplitRow.name == name)
     if revision is None:
         query = query.where(SplitRow.part.is_(None))

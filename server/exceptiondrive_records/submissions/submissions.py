@@ -109,22 +109,14 @@ def _linked_otherwise(first: Submission) -> Conflict:
 
 
 def checked_description(text: str) -> str:
-    """Return a description that can be shown.
-
-    Raises:
-        InvalidRecord: It is too long, or cannot be shown.
-    """
+    """Return a description that can be shown."""
     return checked_text(
         "description", text, max_length=2000, may_be_empty=True, may_have_lines=True
     )
 
 
 def checked_facts(facts: MethodFacts) -> MethodFacts | None:
-    """Return facts whose texts can be shown; None where nothing is told.
-
-    Raises:
-        InvalidRecord: A text cannot be shown.
-    """
+    """Return facts whose texts can be shown; None where nothing is told."""
     texts = {
         name: checked_text(
             str(field.title), getattr(facts, name), max_length=200, may_be_empty=True

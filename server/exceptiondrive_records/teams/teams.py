@@ -87,11 +87,7 @@ def names_that_look_alike(session: Session) -> list[tuple[str, ...]]:
 
 
 def find_team(session: Session, slug: str, *, lock: bool = False) -> Team:
-    """Return the team with this slug; locked, as by `hold_team`.
-
-    Raises:
-        NotFound: There is none.
-    """
+    """Return the team with this slug; locked, as by `hold_team`."""
     query = select(Team).where(Team.slug == slug)
     if lock:
         query = query.with_for_update(key_share=True).execution_options(populate_existing=True)
