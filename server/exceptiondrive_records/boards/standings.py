@@ -93,9 +93,6 @@ def entries_for_board(
     that nobody picks after seeing the outcome. A disqualified entry leaves its place empty: what it
     displaced does not come up. All were scored against the split revision that is given, or the one
     that the phase shows.
-
-    Raises:
-        NotFound: No such phase.
     """
     phase = find_phase(session, phase_id)
     key = ScoringKey(protocol_digest, split_revision or phase.split_revision)
@@ -314,14 +311,14 @@ def _entry(
     sheets: Mapping[str, ScoreSheet],
     accepted: Mapping[str, ProtocolDocument],
 ) -> EntryRecord:
-    submission, team = scored.submission, scored.team
+    submission, team, method = scored.submission, scored.team, scored.submission.method
     is_masked = is_anonymous(phase) and not team.is_reference
     return EntryRecord(
         submission_id=submission.id,
         team=pseudonym_of_team(phase, team.id) if is_masked else team.name,
         team_slug=team.slug,
         is_reference=team.is_reference,
-        method=_method(phase, scored),
+        method=pseudonym_of_method(phase, team.id, method) if is_masked else method,
         description="" if is_masked else submission.description,
         links=Links() if is_masked else Links(paper=submission.paper_url, code=submission.code_url),
         submitted_at=submission.received_at,
@@ -332,9 +329,3 @@ def _entry(
         linked_to=submission.linked_to,
         is_late=is_late(phase, submission),
     )
-
-
-def _method(phase: Phase, scored: _Scored) -> str:
-    if is_anonymous(phase) and not scored.team.is_reference:
-        return pseudonym_of_method(phase, scored.team.id, scored.submission.method)
-    return scored.submission.method

@@ -3,7 +3,6 @@
 import csv
 import io
 from collections.abc import Iterable
-from typing import NamedTuple
 
 from exceptiondrive_records.db.errors import InvalidRecord
 from exceptiondrive_schemas.printable import first_of
@@ -48,18 +47,11 @@ def csv_rows(text: str) -> list[tuple[int, list[str]]]:
     return rows
 
 
-class Fault(NamedTuple):
-    """What is wrong with one row, and where: `Line 3`."""
-
-    place: str
-    words: str
-
-
-def faults_text(faults: Iterable[Fault]) -> str:
-    """Say what is wrong, each sentence once, with the places it is true of: `Line 2, Line 5: ...`."""
-    places: dict[str, list[str]] = {}
-    for fault in faults:
-        places.setdefault(fault.words, []).append(fault.place)
-    told = [f"{first_of(where)}: {words}" for words, where in places.items()]
+def faults_text(faults: Iterable[tuple[int, str]]) -> str:
+    """Say what is wrong on which lines, each sentence once: `Line 2, Line 5: ...`."""
+    lines: dict[str, list[str]] = {}
+    for number, words in faults:
+        lines.setdefault(words, []).append(f"Line {number}")
+    told = [f"{first_of(where)}: {words}" for words, where in lines.items()]
     left_out = len(told) - _SHOWN_FAULTS
     return " ".join(told[:_SHOWN_FAULTS]) + (f" And {left_out} more." if left_out > 0 else "")

@@ -18,7 +18,10 @@ class RecordsError(Exception):
 
 
 class InvalidRecord(RecordsError):
-    """A value cannot be taken as given; `fields` names the parts of the request that are wrong."""
+    """A value cannot be taken as given; `fields` names the parts of the request that are wrong.
+
+    Whatever takes a reason or another text raises it for one that cannot be kept, and need not say so.
+    """
 
     code = ProblemCode.BAD_REQUEST
 
@@ -38,7 +41,10 @@ class NotListed(InvalidRecord):
 
 
 class NotFound(RecordsError):
-    """There is no such thing, or it is not the asker's to see: the sentence is the same."""
+    """There is no such thing, or it is not the asker's to see: the sentence is the same.
+
+    Whatever takes the id of something raises it where there is none, and need not say so.
+    """
 
     code = ProblemCode.NOT_FOUND
 
@@ -72,8 +78,7 @@ class TooManyAttempts(RecordsError):
     def __init__(self, resets_at: datetime, now: datetime) -> None:
         self.resets_at = resets_at
         minutes = max(1, math.ceil((resets_at - now).total_seconds() / 60))
-        plural = "" if minutes == 1 else "s"
-        super().__init__(f"Too many attempts; try again in {minutes} minute{plural}.")
+        super().__init__(f"Too many attempts; try again in {counted(minutes, 'minute')}.")
 
 
 class PhaseClosed(RecordsError):

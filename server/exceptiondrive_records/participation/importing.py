@@ -8,7 +8,7 @@ from typing import NamedTuple
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.accounts.tokens import TEAM_SCOPES, issue_token
-from exceptiondrive_records.db.csv_table import Fault, csv_rows, faults_text
+from exceptiondrive_records.db.csv_table import csv_rows, faults_text
 from exceptiondrive_records.db.errors import Conflict, InvalidRecord, RecordsError
 from exceptiondrive_records.db.identifiers import skeleton
 from exceptiondrive_records.notifications.contacts import add_contact
@@ -40,7 +40,7 @@ def import_teams(session: Session, text: str, *, actor: str) -> list[ImportedTea
     Raises:
         InvalidRecord: The table cannot be read, or lines of it are refused: each is named.
     """
-    made, faults = list[ImportedTeam](), []
+    made, faults = list[ImportedTeam](), list[tuple[int, str]]()
     lines: dict[str, int] = {}  # by ids, and by names as an eye reads them
     for number, values in _lines(text):
         try:
@@ -49,9 +49,9 @@ def import_teams(session: Session, text: str, *, actor: str) -> list[ImportedTea
         except Conflict as refusal:  # id and name can be used, so they are short
             earlier = lines.get(values["id"]) or lines.get(_name_key(values["name"]))
             why = f"It has the id or the name of line {earlier}." if earlier else str(refusal)
-            faults.append(Fault(f"Line {number}", why))
+            faults.append((number, why))
         except RecordsError as refusal:
-            faults.append(Fault(f"Line {number}", str(refusal)))
+            faults.append((number, str(refusal)))
         else:
             made.append(team)
             lines |= {team.slug: number, _name_key(team.name): number}
@@ -91,7 +91,6 @@ def make_team(
     the transaction.
 
     Raises:
-        InvalidRecord: One of the texts cannot be used.
         Conflict: Id or name is taken.
     """
     affiliation = checked_affiliation(affiliation)

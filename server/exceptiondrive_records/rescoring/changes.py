@@ -82,9 +82,7 @@ def create_run(
     Protocol (version or digest) and split revision are those to come, by default those in force.
 
     Raises:
-        NotFound: No such phase, protocol or split revision.
-        InvalidRecord: Nothing would change, the reason is empty, or accepted files could not be
-            scored under what is to come.
+        InvalidRecord: Nothing would change, or accepted files could not be scored under it.
         Conflict: Another run of the phase is open.
     """
     phase = lock_phase(session, phase_id)
@@ -118,8 +116,7 @@ def start_verification(
     are `sample` sheets, drawn by the database, or without a sample all; or those of one submission.
 
     Raises:
-        NotFound: No such phase.
-        InvalidRecord: There is no sheet to verify, or the reason is empty.
+        InvalidRecord: There is no sheet to verify.
     """
     phase = find_phase(session, phase_id)
     reason = checked_reason(reason)
@@ -138,8 +135,7 @@ def verify_submission(
     """Begin a verification of the sheet of one submission; the audit log says so of both.
 
     Raises:
-        NotFound: No such submission.
-        InvalidRecord: It has no sheet under what its phase shows, or the reason is empty.
+        InvalidRecord: It has no sheet under what its phase shows.
     """
     phase_id = find_submission(session, submission_id).phase_id
     run = start_verification(
@@ -237,8 +233,6 @@ def move_run(
     `no_longer_ranked` tells of the submissions that lose their rank by it, and why.
 
     Raises:
-        NotFound: No such run.
-        InvalidRecord: The reason is empty.
         Conflict: The run is in a state from which this is not possible.
     """
     run = find_run(session, run_id, lock=True)

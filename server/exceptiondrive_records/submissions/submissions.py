@@ -109,22 +109,14 @@ def _linked_otherwise(first: Submission) -> Conflict:
 
 
 def checked_description(text: str) -> str:
-    """Return a description that can be shown.
-
-    Raises:
-        InvalidRecord: It is too long, or cannot be shown.
-    """
+    """Return a description that can be shown."""
     return checked_text(
         "description", text, max_length=2000, may_be_empty=True, may_have_lines=True
     )
 
 
 def checked_facts(facts: MethodFacts) -> MethodFacts | None:
-    """Return facts whose texts can be shown; None where nothing is told.
-
-    Raises:
-        InvalidRecord: A text cannot be shown.
-    """
+    """Return facts whose texts can be shown; None where nothing is told."""
     texts = {
         name: checked_text(
             str(field.title), getattr(facts, name), max_length=200, may_be_empty=True
@@ -231,7 +223,6 @@ def accept(
 
     Raises:
         NotFound: No such phase, or the team has no submission to link to.
-        InvalidRecord: A text or link cannot be used.
         Conflict: The counterpart has no score, the same bytes are there with other words, the
             key names another upload, or the team was refused.
         NotAllowed: The team waits for approval, is disqualified, or has not accepted the terms.
@@ -312,7 +303,6 @@ def confirm(session: Session, submission_id: str, *, actor: str) -> Submission:
     so that no confirmation under way loses it.
 
     Raises:
-        NotFound: No such submission.
         Conflict: Nothing is asked of it, or the time to confirm has passed.
         RecordsError: It is refused as by `accept`.
     """
@@ -402,9 +392,8 @@ def arrival(session: Session, phase: Phase, arrived_at: datetime | None, now: da
     """
     if arrived_at is None or not now - LONGEST_UPLOAD <= arrived_at <= now:
         return now
-    return (
-        now if has_closed(phase, now) and has_revealed(session, phase, arrived_at) else arrived_at
-    )
+    is_revealed = has_closed(phase, now) and has_revealed(session, phase, arrived_at)
+    return now if is_revealed else arrived_at
 
 
 def _score_under_both(
@@ -421,7 +410,6 @@ def withdraw(session: Session, submission_id: str, *, actor: str) -> Submission:
     Withdrawing twice does nothing.
 
     Raises:
-        NotFound: No such submission.
         Conflict: It was rejected or has failed: there is nothing to withdraw.
     """
     lock_jobs(session, Job.submission_id == submission_id)
