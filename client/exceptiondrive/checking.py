@@ -107,6 +107,9 @@ def write_file(path: Path, content: str | bytes) -> int:
     """Write in one step, compressed if the name ends in `.gz`; return the size in bytes.
 
     Behind a symlink its target is replaced; what is no regular file, as a pipe, is written into.
+
+    Raises:
+        InvalidArgumentError: It cannot be written.
     """
     require_name(path)
     data = content.encode() if isinstance(content, str) else content
@@ -141,7 +144,11 @@ def csv_text(columns: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
 
 
 def parquet_bytes(columns: Sequence[str], rows: Iterable[Sequence[object]]) -> bytes:
-    """Return a Parquet file; what is undefined is null."""
+    """Return a Parquet file; what is undefined is null.
+
+    Raises:
+        InvalidArgumentError: The extra `parquet` is missing.
+    """
     try:
         from pyarrow import BufferOutputStream, table
         from pyarrow.parquet import write_table

@@ -23,7 +23,11 @@ def default_key_path() -> Path:
 
 
 def make_key(path: Path) -> str:
-    """Return the public half of a key, in base64; a key that is not there is made, with mode 0600."""
+    """Return the public half of a key, in base64; a key that is not there is made, with mode 0600.
+
+    Raises:
+        InvalidArgumentError: The file is no key, cannot be written, or cryptography is missing.
+    """
     if not os.path.exists(path):
         pem = _new_key()
         try:
@@ -44,6 +48,9 @@ def confirm(split: SplitRef, protocol_digest: str, key: Path) -> Confirmation:
         split: At the very revision.
         protocol_digest: Of the document that was read on this machine.
         key: File of the private key.
+
+    Raises:
+        InvalidArgumentError: The file is no key, or cryptography is missing.
     """
     private = _read_key(key)
     signature = private.sign(confirmed_bytes(split, protocol_digest))

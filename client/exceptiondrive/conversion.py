@@ -133,7 +133,11 @@ class _Work:
                     yield f"{pair.sample_id}: {side}", points
 
     def refuse(self, fault_of: Callable[[Waypoints], str | None], code: str, advice: str) -> None:
-        """Refuse trajectories with a fault, or write null in their place where that was asked for."""
+        """Refuse trajectories with a fault, or write null in their place where that was asked for.
+
+        Raises:
+            InvalidArgumentError: There is one, and it is not to become null.
+        """
         wrong = {where: fault for where, points in self.given() if (fault := fault_of(points))}
         if not wrong:
             return
@@ -153,7 +157,11 @@ class _Work:
 
 
 def convert(pairs: tuple[RawPair, ...], plan: ConversionPlan) -> Conversion:
-    """Carry out a plan."""
+    """Carry out a plan.
+
+    Raises:
+        InvalidArgumentError: A trajectory is too short, too long, or not made of points.
+    """
     work = _Work(plan, pairs)
     work.refuse(
         _shape_fault,

@@ -36,7 +36,11 @@ def server_setting(server: str | None = None) -> Setting:
 
 
 def find_server(server: str | None = None) -> str:
-    """Return the address of the server, without a slash at the end."""
+    """Return the address of the server, without a slash at the end.
+
+    Raises:
+        InvalidArgumentError: Not an http or https address.
+    """
     return normal_server(str(server_setting(server).value))
 
 
@@ -57,13 +61,22 @@ def normal_server(server: str) -> str:
 
 
 def find_token(server: str) -> str | None:
-    """Return the token for this server, or None."""
+    """Return the token for this server, or None.
+
+    Raises:
+        NotAllowedError: Others can read the file of tokens.
+    """
     token = os.environ.get(TOKEN_VARIABLE, "").strip()
     return token or _read().get("tokens", {}).get(server)
 
 
 def keep_token(server: str, token: str) -> Path:
-    """Keep a token for this server, and make the server the usual one; return the file."""
+    """Keep a token for this server, and make the server the usual one; return the file.
+
+    Raises:
+        NotAllowedError: Others can read the file of tokens.
+        InvalidArgumentError: It cannot be written.
+    """
     content = _read()
     tokens = {**content.get("tokens", {}), server: token}
     return _write({"server": server, "tokens": tokens})

@@ -258,7 +258,11 @@ def _worst_first(result: SampleResult) -> tuple[float, float, float, str]:
 
 
 def require_numpy() -> None:
-    """Refuse with a hint where numpy is missing."""
+    """Refuse with a hint where numpy is missing.
+
+    Raises:
+        InvalidArgumentError: It is.
+    """
     try:
         import numpy as np  # noqa: F401
     except ModuleNotFoundError:

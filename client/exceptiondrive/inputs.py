@@ -84,6 +84,9 @@ def given_bytes(given: object, what: str = "file", advice: str = "") -> GivenFil
         given: Any of these.
         what: What to call it.
         advice: Where to take it from, if it cannot be read.
+
+    Raises:
+        InvalidArgumentError: It is none of these, or cannot be read.
     """
     if isinstance(given, GivenFile):
         return given
@@ -125,7 +128,11 @@ def given_bytes(given: object, what: str = "file", advice: str = "") -> GivenFil
 
 
 def require_name(path: Path) -> None:
-    """Refuse `-` where a file is to be written."""
+    """Refuse `-` where a file is to be written.
+
+    Raises:
+        InvalidArgumentError: It is `-`.
+    """
     if path == STDIN:
         raise InvalidArgumentError(
             "wrong_output",
@@ -135,7 +142,11 @@ def require_name(path: Path) -> None:
 
 
 def require_unread(output: Path, *read: Path | str | None) -> None:
-    """Refuse to write over what a command reads; what is None was not given."""
+    """Refuse to write over what a command reads; what is None was not given.
+
+    Raises:
+        InvalidArgumentError: The output is one of these.
+    """
     if output.resolve() in [Path(each).resolve() for each in read if each is not None]:
         raise InvalidArgumentError(
             "wrong_option",
@@ -150,6 +161,9 @@ def given_submission(given: object, split: str | None = None) -> GivenFile:
     Args:
         given: See the head of this module.
         split: Name of the split, where arrays or a data frame do not say it.
+
+    Raises:
+        InvalidArgumentError: It is none of these.
     """
     if not isinstance(given, Mapping) and hasattr(given, "columns") and hasattr(given, "to_dict"):
         frame: Any = given
@@ -174,7 +188,11 @@ def given_submission(given: object, split: str | None = None) -> GivenFile:
 
 
 def given_manifest(given: ManifestLike) -> Manifest:
-    """Return the public manifest of a split."""
+    """Return the public manifest of a split.
+
+    Raises:
+        InvalidArgumentError: It cannot be read, or is no manifest.
+    """
     return _model(
         Manifest,
         given,
@@ -184,14 +202,22 @@ def given_manifest(given: ManifestLike) -> Manifest:
 
 
 def given_split(given: SplitLike) -> Split:
-    """Return a split with its regions, of a plain file or gzip."""
+    """Return a split with its regions, of a plain file or gzip.
+
+    Raises:
+        InvalidArgumentError: It cannot be read, or is no split.
+    """
     return _model(
         Split, given, "split file", "Take the development split: exceptiondrive split download NAME"
     )
 
 
 def given_protocol(given: ProtocolLike | None) -> ProtocolDocument:
-    """Return a protocol: a model, a TOML file or a version that ships; else the newest."""
+    """Return a protocol: a model, a TOML file or a version that ships; else the newest.
+
+    Raises:
+        InvalidArgumentError: Neither a file nor a version, or a file that is no protocol.
+    """
     if given is None:
         return packaged_protocol(NEWEST)
     if isinstance(given, ProtocolDocument):

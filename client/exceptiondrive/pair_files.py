@@ -77,6 +77,9 @@ def read_pairs(
 
     Returns:
         The pairs in order, and the split that the files name, if any does.
+
+    Raises:
+        InvalidArgumentError: A file cannot be read, or a sample occurs twice.
     """
     pairs: dict[str, RawPair] = {}
     splits: set[str] = set()
@@ -93,7 +96,11 @@ def read_pairs(
 
 
 def read_bytes(path: Path) -> bytes:
-    """Return what a file holds, or stdin where it is `-`, inflated if it is gzip."""
+    """Return what a file holds, or stdin where it is `-`, inflated if it is gzip.
+
+    Raises:
+        InvalidArgumentError: It cannot be read, is empty, or is a pickle.
+    """
     try:
         data = sys.stdin.buffer.read() if path == STDIN else path.read_bytes()
         if data.startswith(GZIP_MAGIC):
@@ -123,7 +130,11 @@ def read_bytes(path: Path) -> bytes:
 
 
 def read_text(path: Path, data: bytes) -> str:
-    """Return the text of a file, of what `read_bytes` gave of it; without a byte order mark."""
+    """Return the text of a file, of what `read_bytes` gave of it; without a byte order mark.
+
+    Raises:
+        InvalidArgumentError: It is no UTF-8 text, or begins with a comment.
+    """
     try:
         text = data.decode(wide_encoding(data) or "utf-8-sig").removeprefix("\ufeff")
     except UnicodeDecodeError:
@@ -140,6 +151,10 @@ def read_arrays(path: Path, data: bytes, *names: str) -> tuple[list[Any], ...]:
         path: The file, to be named where it is wrong.
         data: What it holds.
         names: Of the arrays.
+
+    Raises:
+        InvalidArgumentError: No such array, it holds objects, they are not equally long, or numpy is
+            missing.
     """
     try:
         import numpy as np
@@ -186,7 +201,11 @@ def read_arrays(path: Path, data: bytes, *names: str) -> tuple[list[Any], ...]:
 def points_of(
     path: Path, where: str, value: Any, mode: int | None, on_form: OnForm = lambda _: None
 ) -> Waypoints | None:
-    """Return a trajectory as rows of numbers; NaN for a null in it, None for one of NaN alone."""
+    """Return a trajectory as rows of numbers; NaN for a null in it, None for one of NaN alone.
+
+    Raises:
+        InvalidArgumentError: It is not a list of points, or one of several modes and none was said.
+    """
     if value is None:
         return None
     if is_null_word(value):

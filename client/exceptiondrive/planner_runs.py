@@ -64,6 +64,9 @@ def read_runs(
 
     Returns:
         A pair for every token of either run, null where a run has none.
+
+    Raises:
+        InvalidArgumentError: A file cannot be read, or a token occurs twice in a run.
     """
     runs = [_run(form, paths, mode, on_form) for paths in (source, edited)]
     tokens = dict.fromkeys([*runs[0], *runs[1]])
@@ -267,7 +270,11 @@ FORMS: dict[str, PlannerForm] = {
 
 
 def planner_form(name: str) -> PlannerForm:
-    """Return the form of a planner's files."""
+    """Return the form of a planner's files.
+
+    Raises:
+        InvalidArgumentError: No such form.
+    """
     try:
         return FORMS[name]
     except KeyError:

@@ -87,7 +87,11 @@ class Scenes:
         return [each.sample_id for each in in_turn(answered)][:count]
 
     def scene(self, sample_id: str) -> SampleDrawing:
-        """Return what a picture of one sample shows."""
+        """Return what a picture of one sample shows.
+
+        Raises:
+            InvalidArgumentError: The split has no such sample.
+        """
         if sample_id not in self.sample_ids:
             raise InvalidArgumentError(
                 "unknown_sample",
@@ -239,7 +243,11 @@ def plot_file(
 
 
 def png_bytes(svg: str) -> bytes:
-    """Render an SVG at twice its size."""
+    """Render an SVG at twice its size.
+
+    Raises:
+        InvalidArgumentError: The extra `plot` is missing.
+    """
     try:
         from resvg_py import svg_to_bytes
     except ModuleNotFoundError:

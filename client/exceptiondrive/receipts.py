@@ -104,7 +104,11 @@ def keys_path() -> Path:
 
 
 def read_keys(path: Path) -> tuple[KnownKey, ...]:
-    """Return the keys in a file."""
+    """Return the keys in a file.
+
+    Raises:
+        InvalidArgumentError: It cannot be read, is no file of keys, or a key does not fit its id.
+    """
     try:
         found = KnownKeys.read(given_bytes(path).data)
     except ValidationError:
@@ -116,7 +120,11 @@ def read_keys(path: Path) -> tuple[KnownKey, ...]:
 
 
 def remembered_keys() -> tuple[KnownKey, ...]:
-    """Return the keys that are remembered on this machine; none where no receipt was fetched."""
+    """Return the keys that are remembered on this machine; none where no receipt was fetched.
+
+    Raises:
+        InvalidArgumentError: As of `read_keys`.
+    """
     path = keys_path()
     return read_keys(path) if path.exists() else ()
 
@@ -142,6 +150,9 @@ def require_true_ids(found: ReceiptKeys, whose: str) -> None:
     Args:
         found: The keys.
         whose: The server or file that they come from.
+
+    Raises:
+        InvalidArgumentError: An id is not worked out from its key.
     """
     for key in found.keys:
         if not _has_true_id(key):

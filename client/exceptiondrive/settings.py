@@ -43,7 +43,11 @@ def config_path() -> Path:
 
 
 def find_setting(name: str, option: str | None = None) -> Setting:
-    """Return a setting: as an option says, else the environment, else the file."""
+    """Return a setting: as an option says, else the environment, else the file.
+
+    Raises:
+        InvalidArgumentError: The file is no such file.
+    """
     if option:
         return Setting(option, f"--{name}")
     if value := os.environ.get(VARIABLES[name], "").strip():
@@ -53,7 +57,11 @@ def find_setting(name: str, option: str | None = None) -> Setting:
 
 
 def default_phase(option: str | None = None) -> str:
-    """Return the phase that is meant."""
+    """Return the phase that is meant.
+
+    Raises:
+        InvalidArgumentError: No phase was named anywhere.
+    """
     phase = find_setting("phase", option).value
     if phase is None:
         raise InvalidArgumentError(
@@ -66,7 +74,11 @@ def default_phase(option: str | None = None) -> str:
 
 
 def keep_setting(name: str, value: str | None) -> Path:
-    """Write a setting into the file, or take it out; return the file."""
+    """Write a setting into the file, or take it out; return the file.
+
+    Raises:
+        InvalidArgumentError: There is no such setting, or the file cannot be written.
+    """
     require_known(name)
     settings = _read()
     settings.pop(name, None)
@@ -83,6 +95,9 @@ def write_settings_file(path: Path, text: str, *, mode: int = 0o666, advice: str
         text: What it holds from now on.
         mode: Of the file from its first moment on; the umask takes away from it.
         advice: What to do where it cannot be written.
+
+    Raises:
+        InvalidArgumentError: It cannot be written.
     """
     try:
         path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -100,7 +115,11 @@ def write_settings_file(path: Path, text: str, *, mode: int = 0o666, advice: str
 
 
 def require_known(name: str, place: str = "") -> None:
-    """Refuse a setting that there is not; `place` says where it stands."""
+    """Refuse a setting that there is not.
+
+    Raises:
+        InvalidArgumentError: It is none; `place` says where it stands.
+    """
     if name in VARIABLES:
         return
     near = get_close_matches(name, VARIABLES, n=1)

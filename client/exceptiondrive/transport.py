@@ -272,7 +272,11 @@ def _through_proxy(server: str) -> str:
 
 
 def _require_sendable(attempts: object, timeout_s: object) -> None:
-    """Refuse numbers with which no request would ever be sent."""
+    """Refuse numbers with which no request would ever be sent.
+
+    Raises:
+        InvalidArgumentError: They are such, or no numbers.
+    """
     if not (isinstance(attempts, int) and attempts >= 1):
         words = f"attempts is a whole number from 1 on, the first counts too, not {attempts!r}."
         raise InvalidArgumentError("wrong_argument", words)
@@ -531,7 +535,11 @@ class Connection:
         return f"<{type(self).__name__} of {self.server}>"
 
     def __reduce__(self) -> NoReturn:
-        """Refuse to be pickled or copied, with a token and open connections."""
+        """Refuse to be pickled or copied, with a token and open connections.
+
+        Raises:
+            InvalidArgumentError: Always.
+        """
         raise InvalidArgumentError(
             "not_pickled",
             f"A {type(self).__name__} holds a token and open connections, and is not pickled.",
@@ -616,7 +624,11 @@ def open_link(url: str, from_byte: int = 0) -> Iterator[tuple[Iterator[bytes], i
 
 
 def is_here(url: str | httpx.URL) -> bool:
-    """Whether an address is one of this very machine."""
+    """Whether an address is one of this very machine.
+
+    Raises:
+        InvalidArgumentError: It is no address.
+    """
     try:
         return is_this_machine(httpx.URL(url).host)
     except httpx.InvalidURL:
@@ -624,7 +636,11 @@ def is_here(url: str | httpx.URL) -> bool:
 
 
 def require_private_link(request: httpx.Request, *, may_be_here: bool) -> None:
-    """Refuse an address in the clear, and one of this machine where a stranger's list leads to it."""
+    """Refuse an address in the clear, and one of this machine where a stranger's list leads to it.
+
+    Raises:
+        InvalidArgumentError: It is one.
+    """
     here = is_here(request.url)
     if here and not may_be_here:
         raise InvalidArgumentError("wrong_link", f"{request.url} leads to this very machine.")
@@ -641,14 +657,22 @@ def _first_byte(response: httpx.Response) -> int:
 
 
 def quoted(name: str) -> str:
-    """Return a name as one part of a path, whatever it holds."""
+    """Return a name as one part of a path, whatever it holds.
+
+    Raises:
+        InvalidArgumentError: It is no text, or an empty one.
+    """
     if not require_text(name):
         raise InvalidArgumentError("wrong_argument", "A name or id is empty.")
     return quote(name, safe="")
 
 
 def require_text(value: object, what: str = "A name or id") -> str:
-    """Return a text that was given."""
+    """Return a text that was given.
+
+    Raises:
+        InvalidArgumentError: It is something else.
+    """
     if isinstance(value, str):
         return value
     raise InvalidArgumentError("wrong_argument", f"{what} is a text, not {type(value).__name__}.")

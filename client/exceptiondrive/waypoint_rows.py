@@ -42,7 +42,11 @@ def unless_missing(points: Waypoints) -> Waypoints | None:
 
 
 def require_columns(path: Path, names: Collection[str]) -> None:
-    """Refuse a table of waypoints that lacks a column."""
+    """Refuse a table of waypoints that lacks a column.
+
+    Raises:
+        InvalidArgumentError: It lacks one.
+    """
     absent = sorted(set(CSV_COLUMNS) - set(names))
     if absent:
         raise fault(
@@ -51,7 +55,11 @@ def require_columns(path: Path, names: Collection[str]) -> None:
 
 
 def pairs_of_rows(path: Path, rows: Iterable[tuple[str, dict[str, Any]]]) -> Iterator[RawPair]:
-    """Gather waypoints, one a row, in any order; each row with where it stands."""
+    """Gather waypoints, one a row, in any order; each row with where it stands.
+
+    Raises:
+        InvalidArgumentError: A row is wrong or there twice, or a step is missing.
+    """
     points: dict[str, dict[str, dict[int, tuple[float, ...]]]] = {}
     for where, row in rows:
         if row.get("trajectory") not in SIDES:

@@ -53,7 +53,11 @@ class JournalLine(Document):
 
 
 def read_journal(path: Path) -> tuple[JournalHeader, tuple[JournalLine, ...]]:
-    """Return the header and the readable lines of a journal."""
+    """Return the header and the readable lines of a journal.
+
+    Raises:
+        AgentError: There is no such file, or it is no journal.
+    """
     with as_client_errors():
         return journal.read_journal(path, JournalHeader, JournalLine)
 

@@ -62,7 +62,11 @@ def _prediction(
 
 
 def write_submission(submission: StrategySubmission, path: Path) -> None:
-    """Write the file in one step: a reader sees the old file or the new one."""
+    """Write the file in one step: a reader sees the old file or the new one.
+
+    Raises:
+        InvalidArgumentError: The file cannot be written.
+    """
     with suppress(OSError):  # whatever is wrong, writing says it
         path.parent.mkdir(parents=True, exist_ok=True)
     write_file(path, submission.model_dump_json(by_alias=True, exclude_unset=True, indent=1) + "\n")
@@ -74,6 +78,9 @@ def find_images(source: Path) -> ImagePaths:
     Args:
         source: A folder with one folder per sample, named by the sample id (images in order of
             file name), or a JSON file `{sample_id: [path, ...]}` with paths relative to itself.
+
+    Raises:
+        AgentError: There is no such folder or file, it holds no sample, or it is not that JSON.
     """
     if os.path.isdir(source):
         found = {
@@ -159,6 +166,9 @@ def remind(images: Path, out: Path, settings: RunSettings, manifest: Path | None
     """Write one reminder record per sample to the journal `out`, where it has none yet.
 
     With a manifest these samples alone are asked for, else all that have images.
+
+    Raises:
+        AgentError: A file is not what it must be, or the endpoint refuses the run.
     """
     require_name(out)
     found = find_images(images)
@@ -190,6 +200,9 @@ def decide(
         journal_path: Journal of the decisions; by default next to `out`.
         reminders_path: Journal of `remind`; without it the baseline is asked.
         attach_reminders: Put the reminder records into the submission.
+
+    Raises:
+        AgentError: A file is not what it must be, or the endpoint refuses the run.
     """
     if attach_reminders and reminders_path is None:
         raise AgentError("--attach-reminders needs --reminders")

@@ -15,7 +15,11 @@ _OUR_FIELDS = frozenset({"model", "messages", "response_format", "stream", "n"})
 
 
 def run_settings(given: Mapping[str, Any], environment: Mapping[str, str]) -> RunSettings:
-    """Return the settings that the options of `remind` or `decide` mean; the environment holds the key."""
+    """Return the settings that the options of `remind` or `decide` mean; the environment holds the key.
+
+    Raises:
+        InvalidArgumentError: An option makes no sense; the message names it.
+    """
     return RunSettings(
         protocol=given_protocol(given["protocol"]),
         endpoint=EndpointSettings(
@@ -55,7 +59,11 @@ def checked_base_url(text: str) -> str:
 
 
 def extra_fields(text: str | None) -> dict[str, Any]:
-    """Parse --extra-body."""
+    """Parse --extra-body.
+
+    Raises:
+        AgentError: Not a JSON object, or it replaces a field that the agent itself must set.
+    """
     if text is None:
         return {}
     try:

@@ -72,7 +72,11 @@ def phase(words: str, metavar: str = "PHASE") -> Any:
 
 
 def require_one_of(name: str, said: object, values: Iterable[object]) -> None:
-    """Refuse what an option does not take; None: it was not given."""
+    """Refuse what an option does not take; None: it was not given.
+
+    Raises:
+        InvalidArgumentError: It is none of the values; the sentence names them.
+    """
     *first, last = known = [*map(str, values)]
     if said is not None and str(said) not in known:
         raise InvalidArgumentError(
@@ -105,7 +109,11 @@ Output = Annotated[Path | None, output("Else named by what it is.")]
 
 
 def given(file: Path, context: typer.Context | None = None) -> GivenFile:
-    """Return what a file holds that was named, or stdin where it is `-`."""
+    """Return what a file holds that was named, or stdin where it is `-`.
+
+    Raises:
+        InvalidArgumentError: It cannot be read, or is not the only one.
+    """
     if context is not None and context.args:
         names = shlex.join([str(file), *context.args])
         raise InvalidArgumentError(

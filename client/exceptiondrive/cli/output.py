@@ -90,7 +90,11 @@ def show_result(
 
 
 def saved(path: Path, data: bytes) -> Answer:
-    """Write a new file, never over another one, and return which."""
+    """Write a new file, never over another one, and return which.
+
+    Raises:
+        InvalidArgumentError: It is there already, or cannot be written.
+    """
     from exceptiondrive.inputs import require_name
 
     require_name(path)
@@ -158,7 +162,11 @@ def be_sure(
     question: str = "",
     nothing: str = "Nothing was changed.",
 ) -> None:
-    """Ask before what cannot be taken back, unless an option has said yes."""
+    """Ask before what cannot be taken back, unless an option has said yes.
+
+    Raises:
+        InvalidArgumentError: Nobody can be asked, or the answer is no.
+    """
     if is_said:
         return
     if not can_ask():

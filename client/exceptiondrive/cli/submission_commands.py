@@ -164,7 +164,11 @@ def _wait(submission: "Submission", timeout: float | None) -> None:
 
 
 def _require_consent(outlook: Outlook, *, replace: bool, allow_unranked: bool) -> None:
-    """Ask before quota is spent on what replaces an entry or cannot be ranked."""
+    """Ask before quota is spent on what replaces an entry or cannot be ranked.
+
+    Raises:
+        InvalidArgumentError: Nobody can be asked, or the answer is no; nothing was sent.
+    """
     said = {"replace": replace, "allow_unranked": allow_unranked}
     asked = {name: words for name, words in outlook.to_confirm.items() if not said[name]}
     needed = " and ".join(f"--{name.replace('_', '-')}" for name in asked)
@@ -175,7 +179,11 @@ def _require_consent(outlook: Outlook, *, replace: bool, allow_unranked: bool) -
 def _asking_first(
     change: "Callable[..., SubmissionView]", replace: bool, question: str
 ) -> SubmissionView:
-    """Make a change; where it takes the place of an entry, ask before it does."""
+    """Make a change; where it takes the place of an entry, ask before it does.
+
+    Raises:
+        InvalidArgumentError: Nobody can be asked, or the answer is no; nothing was changed.
+    """
     try:
         return change(replace=replace)
     except InvalidArgumentError as error:

@@ -20,9 +20,11 @@ from exceptiondrive_schemas.check.fast_decode import (
     prediction_type,
     submission_decoder,
 )
+from exceptiondrive_schemas.check.json_stream import MAX_VALUE_CHARACTERS
 
 TEXTS_PER_PREDICTION = 4
 """Keys `sample_id`, `source`, `edited`, and the id."""
+BARE_PREDICTION = '{"sample_id":"","source":,"edited":}'
 NULL = b"null"
 NO_NUMBERS_NO_BLANKS = b"+-.0123456789Ee \t\n\r"
 BRACKETS_TO_BLANKS = bytes.maketrans(b"[]", b"  ")
@@ -64,14 +66,29 @@ def planning_columns(text: bytes, n_waypoints: int) -> PlanningColumns | None:
     predictions = submission.predictions
     if n_texts(text) != ROOT_TEXTS + TEXTS_PER_PREDICTION * len(predictions):
         return None
-    if not are_short(text):
+    sample_ids = [each.sample_id for each in predictions]
+    sources = [each.source for each in predictions]
+    edits = [each.edited for each in predictions]
+    if not _are_short(text, sample_ids, sources, edits):
         return None
-    source = _side([each.source for each in predictions], n_waypoints)
-    edited = _side([each.edited for each in predictions], n_waypoints)
+    source, edited = _side(sources, n_waypoints), _side(edits, n_waypoints)
     if source is None or edited is None:
         return None
-    sample_ids = [each.sample_id for each in predictions]
     return PlanningColumns(submission.split, sample_ids, source, edited)
+
+
+def _are_short(
+    text: bytes,
+    sample_ids: Sequence[str],
+    sources: Sequence[msgspec.Raw],
+    edits: Sequence[msgspec.Raw],
+) -> bool:
+    """Whether no prediction is longer than the precise checker takes, blanks included."""
+    parts = (sample_ids, sources, edits)
+    longest = len(BARE_PREDICTION) + sum(max(map(len, part), default=0) for part in parts)
+    n_bare = len(BARE_PREDICTION) * len(sample_ids) + sum(sum(map(len, part)) for part in parts)
+    blanks_in_one = longest + len(text) - n_bare  # were they all in one
+    return blanks_in_one <= MAX_VALUE_CHARACTERS or are_short(text)
 
 
 def _side(texts: Sequence[msgspec.Raw], n_waypoints: int) -> Side | None:

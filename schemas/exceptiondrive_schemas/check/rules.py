@@ -56,6 +56,9 @@ def register(challenge: Challenge, rules: type[PredictionRules], scored_by: str)
     """Make a challenge known, to everyone and here alone.
 
     It is scored by a `module:class` that is a `exceptiondrive_scoring.challenge.ChallengeScoring`.
+
+    Raises:
+        ValueError: There is one of this name.
     """
     CHALLENGES.register(challenge.id, challenge)
     RULES.register(challenge.id, rules)

@@ -33,7 +33,11 @@ class Tracks:
 
     @classmethod
     def of(cls, trajectories: Sequence[Iterable[float]], n_waypoints: int) -> Tracks:
-        """Put whole trajectories, each flat (x1, y1, x2, y2, ...), beside each other."""
+        """Put whole trajectories, each flat (x1, y1, x2, y2, ...), beside each other.
+
+        Raises:
+            ValueError: They have other numbers of waypoints.
+        """
         width, joined = 2 * n_waypoints, array("d")
         for flat in trajectories:
             joined.extend(flat)
@@ -124,6 +128,10 @@ class PairTracks(NamedTuple):
 
     @classmethod
     def of(cls, pairs: Iterable[Whole], n_waypoints: int) -> PairTracks:
-        """Put the trajectories of pairs beside each other."""
+        """Put the trajectories of pairs beside each other.
+
+        Raises:
+            ValueError: One has another number of waypoints.
+        """
         sources, edited, n_both = both_first(pairs)
         return cls(Tracks.of(sources, n_waypoints), Tracks.of(edited, n_waypoints), n_both)

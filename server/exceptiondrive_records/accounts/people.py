@@ -105,6 +105,7 @@ def set_organizer(
     made work on (`left_behind`).
 
     Raises:
+        NotFound: There is no such person or phase.
         InvalidRecord: There are too many phases.
     """
     person = find_person(session, person_id, lock=True)
@@ -213,6 +214,9 @@ def remove_member(session: Session, team_id: int, person_id: str, *, actor: str)
     """Take a person out of a team; it counts from the next request on.
 
     What invitations they made end with it: none leads back in.
+
+    Raises:
+        NotFound: No such person belongs to the team.
     """
     query = select(Membership, Team.slug).join(Team, Team.id == Membership.team_id)
     is_theirs = (Membership.team_id == team_id, Membership.person_id == person_id)
@@ -315,6 +319,7 @@ def accept_invitation(session: Session, text: str, person_id: str, *, actor: str
     Who belongs to the team already leaves it for somebody else.
 
     Raises:
+        NotFound: As `find_invitation` raises it.
         Conflict: The team is full, or was refused.
     """
     invitation, team = find_invitation(session, text, person_id)

@@ -222,6 +222,7 @@ def revoke_token(session: Session, token_id: str, *, actor: str) -> Token:
     """Revoke a token for good, and the invitations that it made.
 
     Raises:
+        NotFound: There is none with this id.
         Conflict: It is revoked already.
     """
     token = find_token(session, token_id)
@@ -234,7 +235,11 @@ def revoke_token(session: Session, token_id: str, *, actor: str) -> Token:
 
 
 def find_token(session: Session, token_id: str) -> Token:
-    """Return a token."""
+    """Return a token.
+
+    Raises:
+        NotFound: There is none with this id.
+    """
     return find_row(session, Token, "token", token_id)
 
 
@@ -313,6 +318,7 @@ def issue_team_token(
     Raises:
         NotAllowed: A scope is wanted that the asker does not hold, or a later end than its own.
         Conflict: The team has enough live tokens, or made enough of them today; or as `issue_token`.
+        InvalidRecord: As `issue_token` raises it.
     """
     more = sorted(set(scopes) - principal.scopes)
     if more:
@@ -341,6 +347,7 @@ def rotate_team_token(
     The successor has the same name, scopes and length of life, and ends no later than the asker's own.
 
     Raises:
+        NotFound: The team has no such token.
         NotAllowed: The token holds a scope that the asker does not hold.
         Conflict: The token is revoked or has expired.
         InvalidRecord: The number of days cannot be used.
@@ -367,6 +374,7 @@ def revoke_team_token(session: Session, principal: Principal, token_id: str) -> 
     """Revoke a token of the asker's team for good, the asker's own included.
 
     Raises:
+        NotFound: The team has no such token.
         Conflict: It is revoked already.
     """
     find_team_token(session, principal, token_id)

@@ -30,6 +30,7 @@ def import_board(
     `cite` is an address or a citation, `file` a text that `read_rows` takes.
 
     Raises:
+        NotFound: No such phase.
         InvalidRecord: A text cannot be used, or rows are refused: each is named.
         Conflict: The very rows stand beside the phase already.
     """
@@ -62,6 +63,8 @@ def withdraw_reported_board(
     """Take the rows of another board away from a phase; they can be imported again.
 
     Raises:
+        NotFound: There are none of this id beside the phase.
+        InvalidRecord: The reason is empty.
         Conflict: They are withdrawn already.
     """
     row = find_reported_board(session, phase_id, reported_id, lock=True)
@@ -77,7 +80,11 @@ def withdraw_reported_board(
 def find_reported_board(
     session: Session, phase_id: str, reported_id: str, *, lock: bool = False
 ) -> ReportedBoard:
-    """Return an imported board of a phase."""
+    """Return an imported board of a phase.
+
+    Raises:
+        NotFound: There is none of this id beside the phase.
+    """
     row = session.get(ReportedBoard, reported_id, with_for_update=lock, populate_existing=lock)
     if row is None or row.phase_id != phase_id:
         raise NotFound("reported board", reported_id)

@@ -93,6 +93,9 @@ def entries_for_board(
     that nobody picks after seeing the outcome. A disqualified entry leaves its place empty: what it
     displaced does not come up. All were scored against the split revision that is given, or the one
     that the phase shows.
+
+    Raises:
+        NotFound: No such phase.
     """
     phase = find_phase(session, phase_id)
     key = ScoringKey(protocol_digest, split_revision or phase.split_revision)

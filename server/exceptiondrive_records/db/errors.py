@@ -18,10 +18,7 @@ class RecordsError(Exception):
 
 
 class InvalidRecord(RecordsError):
-    """A value cannot be taken as given; `fields` names the parts of the request that are wrong.
-
-    Whatever takes a reason or another text raises it for one that cannot be kept, and need not say so.
-    """
+    """A value cannot be taken as given; `fields` names the parts of the request that are wrong."""
 
     code = ProblemCode.BAD_REQUEST
 
@@ -41,10 +38,7 @@ class NotListed(InvalidRecord):
 
 
 class NotFound(RecordsError):
-    """There is no such thing, or it is not the asker's to see: the sentence is the same.
-
-    Whatever takes the id of something raises it where there is none, and need not say so.
-    """
+    """There is no such thing, or it is not the asker's to see: the sentence is the same."""
 
     code = ProblemCode.NOT_FOUND
 

@@ -189,7 +189,11 @@ def _marks_of(name: str) -> str:
 
 
 def checked_reason(reason: str) -> str:
-    """Return a reason that can be kept."""
+    """Return a reason that can be kept.
+
+    Raises:
+        InvalidRecord: It is empty, too long, or cannot be shown.
+    """
     return checked_text("reason", reason, max_length=1000, may_have_lines=True)
 
 

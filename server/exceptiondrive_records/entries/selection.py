@@ -36,6 +36,7 @@ def choose(
     lets teams choose the run of a method, this run stands for its method, or the best or newest one.
 
     Raises:
+        NotFound: No such submission.
         Conflict: The phase lets teams choose nothing of that kind, its deadline has passed, or there
             is no score yet.
     """
@@ -98,6 +99,7 @@ def publish(session: Session, submission_id: str, *, actor: str) -> Submission:
     """Put an entry on the board of a phase that keeps entries private; twice is once.
 
     Raises:
+        NotFound: No such submission.
         Conflict: The phase shows every entry, there is no score yet, or it is too late to pick.
     """
     return _show(session, submission_id, actor, is_public=True)
@@ -143,6 +145,7 @@ def unpublish(session: Session, submission_id: str, *, actor: str) -> Submission
     """Take an entry off the board; boards that showed it keep what they showed. Twice is once.
 
     Raises:
+        NotFound: No such submission.
         Conflict: The phase shows every entry, there is no score yet, or its deadline has passed.
     """
     return _show(session, submission_id, actor, is_public=False)

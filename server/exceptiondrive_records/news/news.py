@@ -34,6 +34,8 @@ def publish_news(
     With `to_its_teams` those alone are told that submitted to the phase.
 
     Raises:
+        NotFound: No such phase.
+        InvalidRecord: A text cannot be used.
         Conflict: The phase is hidden, or a team has this very message.
     """
     phase = find_phase(session, phase_id)
@@ -63,6 +65,8 @@ def withdraw_news(session: Session, news_id: str, *, reason: str, actor: str) ->
     """Take news from page and feed; what teams were told stays told.
 
     Raises:
+        NotFound: There is none.
+        InvalidRecord: The reason is empty.
         Conflict: They are withdrawn already.
     """
     row = find_news(session, news_id, lock=True)
@@ -76,7 +80,11 @@ def withdraw_news(session: Session, news_id: str, *, reason: str, actor: str) ->
 
 
 def find_news(session: Session, news_id: str, *, lock: bool = False) -> News:
-    """Return news, withdrawn ones too."""
+    """Return news, withdrawn ones too.
+
+    Raises:
+        NotFound: There are none of this id.
+    """
     return find_row(session, News, "news", news_id, lock=lock)
 
 
@@ -87,7 +95,11 @@ def news_of(session: Session, phase_id: str) -> list[News]:
 
 
 def list_news(session: Session, phase_id: str | None = None) -> list[News]:
-    """Return the news of one phase or of all, withdrawn ones too, newest first."""
+    """Return the news of one phase or of all, withdrawn ones too, newest first.
+
+    Raises:
+        NotFound: There is no such phase.
+    """
     query = select(News).order_by(News.published_at.desc(), News.id)
     if phase_id is not None:
         query = query.where(News.phase_id == find_phase(session, phase_id).id)

@@ -39,6 +39,7 @@ def ask_question(
 
     Raises:
         NotFound: No such phase, or it is hidden.
+        InvalidRecord: The text cannot be used.
         Conflict: Enough of the team's questions wait, or it asked this already; or it was forgotten, or
             became part of another one.
     """
@@ -86,6 +87,8 @@ def answer_question(
     told that submitted to the phase, and who asked.
 
     Raises:
+        NotFound: There is none.
+        InvalidRecord: The text cannot be used.
         Conflict: It is answered already.
     """
     row = find_question(session, question_id, lock=True)
@@ -123,7 +126,11 @@ def _as_words(line: str) -> str:
 
 
 def find_question(session: Session, question_id: str, *, lock: bool = False) -> Question:
-    """Return a question, answered or not."""
+    """Return a question, answered or not.
+
+    Raises:
+        NotFound: There is none.
+    """
     return find_row(session, Question, "question", question_id, lock=lock)
 
 
@@ -137,6 +144,9 @@ def list_questions(session: Session, phase_id: str | None = None) -> list[tuple[
     """Return questions, of one phase or all, with the id of the team: those that wait first.
 
     Who waits longest stands first of these, and the newest answer of the others.
+
+    Raises:
+        NotFound: There is no such phase.
     """
     query = select(Question, Team.slug).join(Team, Team.id == Question.team_id)
     if phase_id is not None:

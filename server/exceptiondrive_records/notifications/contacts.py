@@ -101,6 +101,7 @@ def set_wishes(
     """Set what an address is told of.
 
     Raises:
+        NotFound: There is none, or it is another team's.
         Conflict: The team changed enough today, or was refused.
     """
     hold_team(session, team_id)
@@ -297,7 +298,11 @@ def take_away(contact: ContactPoint, now: datetime) -> None:
 
 
 def remove_contact(session: Session, team_id: int, contact_id: str, *, actor: str) -> None:
-    """Tell a team no longer at an address, and forget it."""
+    """Tell a team no longer at an address, and forget it.
+
+    Raises:
+        NotFound: There is none, or it is another team's.
+    """
     contact = find_contact(session, team_id, contact_id)
     take_away(contact, database_now(session))
     audit(session, actor, "contact removed", contact.id, {"team_id": team_id})

@@ -257,7 +257,11 @@ def count_unread(session: Session, team_id: int) -> int:
 
 
 def mark_read(session: Session, team_id: int, notification_id: str) -> NotificationView:
-    """Note that a message of a team was read; doing it again changes nothing."""
+    """Note that a message was read; doing it again changes nothing.
+
+    Raises:
+        NotFound: There is none, or it is another team's.
+    """
     row = _find(session, team_id, notification_id)
     row.read_at = row.read_at or database_now(session)
     return _view(row)

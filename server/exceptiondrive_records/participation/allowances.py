@@ -55,7 +55,8 @@ def set_allowance(
         What is granted; None when the team has what all have again.
 
     Raises:
-        InvalidRecord: The deadline is no later one.
+        NotFound: No such team or phase.
+        InvalidRecord: The deadline is no later one, or the reason cannot be kept.
         Conflict: The rest of the split, or a hidden freeze, is revealed already; what came in time would
             become late; the team is gone; the phase is hidden, and the team would learn of it.
     """

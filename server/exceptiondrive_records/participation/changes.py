@@ -41,7 +41,11 @@ _GIVEN_UP = (SubmissionStatus.WITHDRAWN, SubmissionStatus.FAILED)
 
 
 def approve_team(session: Session, slug: str, *, actor: str) -> Team:
-    """Let a team that registered itself submit, and tell it; approving twice does nothing."""
+    """Let a team that registered itself submit, and tell it; approving twice does nothing.
+
+    Raises:
+        NotFound: There is no such team.
+    """
     team = find_team(session, slug, lock=True)
     if team.pending_since is not None:
         team.pending_since = team.registered_from = None
@@ -66,6 +70,8 @@ def change_team(
     phase: what else builds one there, such as a disqualification, brings the new name.
 
     Raises:
+        NotFound: No such team.
+        InvalidRecord: A text cannot be used.
         Conflict: Another team has the name, or one that looks like it; or this one is gone.
     """
     team = find_team(session, slug, lock=True)
@@ -92,7 +98,11 @@ def change_team(
 
 
 def checked_affiliation(text: str) -> str:
-    """Return an affiliation that can be shown."""
+    """Return an affiliation that can be shown.
+
+    Raises:
+        InvalidRecord: It is too long, or cannot be shown.
+    """
     return checked_text("affiliation", text, max_length=MAX_AFFILIATION, may_be_empty=True)
 
 
@@ -110,6 +120,8 @@ def merge_teams(
         The team that is left, and how many submissions it was given.
 
     Raises:
+        NotFound: No such team.
+        InvalidRecord: The reason cannot be kept.
         Conflict: They are one, one of them is merged, forgotten or disqualified, waits for approval or
             is a reference, both submitted the same bytes to one phase, or an entry of one would push
             out one of the other where that is settled: in a closed or archived phase.

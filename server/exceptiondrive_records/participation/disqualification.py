@@ -41,6 +41,8 @@ def disqualify_team(
     """Take a team off the boards of a phase, or of all; it submits nothing until it is reinstated.
 
     Raises:
+        NotFound: No such team or phase.
+        InvalidRecord: A text cannot be kept.
         Conflict: It is disqualified there already, waits for approval, or is part of another one; the
             phase is hidden, and the team would learn of it.
     """
@@ -64,6 +66,8 @@ def disqualify_submission(
     """Take one submission off the boards; its team may not submit the same bytes again.
 
     Raises:
+        NotFound: No such submission.
+        InvalidRecord: A text cannot be kept.
         Conflict: It is disqualified already, or its team became part of another one meanwhile.
     """
     submission = find_submission(session, submission_id)
@@ -112,6 +116,8 @@ def reinstate(
     """End a disqualification: what no other one keeps off the boards stands on the next ones.
 
     Raises:
+        NotFound: There is none.
+        InvalidRecord: The reason cannot be kept.
         Conflict: It has ended already, or its team became part of another one meanwhile.
     """
     row = find_disqualification(session, disqualification_id)
@@ -172,7 +178,11 @@ def _publish(
 
 
 def find_disqualification(session: Session, disqualification_id: int) -> Disqualification:
-    """Return a disqualification."""
+    """Return a disqualification.
+
+    Raises:
+        NotFound: There is none.
+    """
     return find_row(session, Disqualification, "disqualification", disqualification_id)
 
 

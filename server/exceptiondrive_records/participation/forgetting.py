@@ -41,6 +41,8 @@ def forget_team(session: Session, slug: str, *, reason: str, actor: str) -> Team
     Its tokens and sessions end. This cannot be taken back.
 
     Raises:
+        NotFound: No such team.
+        InvalidRecord: The reason cannot be kept.
         Conflict: It is a reference team, part of another one, or forgotten already.
     """
     team = find_team(session, slug, lock=True)
@@ -77,6 +79,7 @@ def forget_person(session: Session, person_id: str, *, reason: str, actor: str) 
 
     Raises:
         NotFound: There is no such person, or they are forgotten already.
+        InvalidRecord: The reason cannot be kept.
         Conflict: They organize.
     """
     person = find_person(session, person_id, lock=True)

@@ -91,6 +91,7 @@ def make_team(
     the transaction.
 
     Raises:
+        InvalidRecord: One of the texts cannot be used.
         Conflict: Id or name is taken.
     """
     affiliation = checked_affiliation(affiliation)

@@ -38,6 +38,7 @@ def recipients(
     a phase, those of them that submitted to it.
 
     Raises:
+        NotFound: No such team.
         Conflict: One of these teams was forgotten, or is part of another one.
     """
     counts = _addresses(session)
@@ -72,6 +73,7 @@ def send_message(
         Whom it reaches.
 
     Raises:
+        NotFound: No such team.
         InvalidRecord: A text cannot be used, or there is nobody to write to.
         Conflict: One of the teams has this very message, was forgotten, or is part of another one.
     """
@@ -105,6 +107,8 @@ def write_about(session: Session, submission_id: str, *, words: str, actor: str)
     Blank lines of the words part paragraphs.
 
     Raises:
+        NotFound: No such submission.
+        InvalidRecord: The words cannot be used.
         Conflict: The team has this very message about it, was forgotten, or became part of another one
             meanwhile.
     """
@@ -141,7 +145,11 @@ def _digest_of_new(
 
 
 def checked_message(title: str, text: str) -> tuple[str, tuple[str, ...]]:
-    """Return title and paragraphs of a message as it would be told."""
+    """Return title and paragraphs of a message as it would be told.
+
+    Raises:
+        InvalidRecord: One of them is empty, too long, or cannot be shown.
+    """
     title = checked_text("title", title, max_length=MAX_TITLE)
     text = checked_text("text", text, max_length=MAX_TEXT, may_have_lines=True)
     paragraphs = (" ".join(part.split()) for part in text.split("\n\n"))

@@ -50,6 +50,7 @@ def update_phase(session: Session, phase_id: str, change: PhaseChange, *, actor:
     """Change settings of a phase: those that were set in `change`, and no others.
 
     Raises:
+        NotFound: No such phase.
         InvalidRecord: A value cannot be used, or it contradicts another.
         Conflict: It would take back what teams or readers were shown or promised.
     """
@@ -91,6 +92,7 @@ def feature_phase(session: Session, phase_id: str, *, reason: str, actor: str) -
     """Put a phase before all others: in lists, and on the front page.
 
     Raises:
+        NotFound: No such phase.
         Conflict: It is not shown, or it stands there already.
     """
     locked = select(Phase).order_by(Phase.id).with_for_update(key_share=True)
@@ -114,6 +116,7 @@ def delete_phase(session: Session, phase_id: str, *, reason: str, actor: str) ->
     The database itself keeps a phase that a submission or a rescoring run refers to.
 
     Raises:
+        NotFound: No such phase.
         Conflict: Something was submitted or rescored in it.
     """
     phase = lock_phase(session, phase_id)
@@ -131,6 +134,7 @@ def freeze_phase(session: Session, phase_id: str, *, reason: str, actor: str) ->
     """Freeze the public board from now on; scoring goes on.
 
     Raises:
+        NotFound: No such phase.
         Conflict: It is frozen already.
     """
     phase = lock_phase(session, phase_id)
@@ -149,6 +153,7 @@ def reveal_names(session: Session, phase_id: str, *, reason: str, actor: str) ->
     Boards that were public before keep their pseudonyms for ever.
 
     Raises:
+        NotFound: No such phase.
         Conflict: Its names are shown already.
     """
     phase = lock_phase(session, phase_id)

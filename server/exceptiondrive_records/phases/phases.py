@@ -98,6 +98,7 @@ def create_phase(session: Session, new: NewPhase, *, actor: str) -> Phase:
     Raises:
         InvalidRecord: A text cannot be used, or two settings contradict each other.
         Conflict: The id is taken.
+        NotFound: Split or protocol is unknown.
     """
     checked_slug("phase", new.id)
     if session.get(Phase, new.id) is not None:
@@ -137,7 +138,11 @@ def create_phase(session: Session, new: NewPhase, *, actor: str) -> Phase:
 
 
 def find_phase(session: Session, phase_id: str) -> Phase:
-    """Return a phase."""
+    """Return a phase.
+
+    Raises:
+        NotFound: There is none with this id.
+    """
     return find_row(session, Phase, "phase", phase_id)
 
 
@@ -152,6 +157,9 @@ def lock_phase(session: Session, phase_id: str) -> Phase:
     Whoever needs the row of a board request too locks that one later: else two could wait for each
     other. Rows that refer to the phase may be written meanwhile (`FOR NO KEY UPDATE`): an upload, a
     score and its request for a board wait for nobody here.
+
+    Raises:
+        NotFound: There is none.
     """
     return find_row(session, Phase, "phase", phase_id, lock={"key_share": True})
 

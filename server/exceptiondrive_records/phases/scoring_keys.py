@@ -83,6 +83,9 @@ def phase_and_shadow(session: Session, phase_id: str) -> tuple[Phase, Shadow | N
     """Return a phase as it is now, and its shadow while an update of it is open.
 
     One statement reads both: a flip that came between two would leave a submission without a side.
+
+    Raises:
+        NotFound: There is no such phase.
     """
     found = session.execute(_PHASE_AND_TWO_SIDED_RUN, {"phase": phase_id}).first()
     if found is None:

@@ -59,6 +59,8 @@ def delete_protocol(
     """Delete a protocol that nothing was ever made of; its version may be taken again.
 
     Raises:
+        NotFound: There is none.
+        InvalidRecord: The reason is empty.
         Conflict: A phase or a run names it, a split was opened under it, or it came with this software.
     """
     row = find_protocol_row(session, version_or_digest)
@@ -119,7 +121,11 @@ def checked_protocol(session: Session, toml: str) -> ProtocolDocument:
 
 
 def find_protocol_row(session: Session, version_or_digest: str) -> ProtocolRow:
-    """Return the row of a protocol, by version or digest."""
+    """Return the row of a protocol, by version or digest.
+
+    Raises:
+        NotFound: There is none.
+    """
     row = session.scalars(_BY_NAME, {"name": version_or_digest}).first()
     if row is None:
         raise NotFound("protocol", version_or_digest)
@@ -130,6 +136,7 @@ def find_protocol(session: Session, version_or_digest: str) -> ProtocolDocument:
     """Return a protocol, by version or digest.
 
     Raises:
+        NotFound: There is none.
         Conflict: The recorded text no longer has the recorded digest: someone edited it in place.
     """
     row = find_protocol_row(session, version_or_digest)

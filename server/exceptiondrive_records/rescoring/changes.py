@@ -82,7 +82,9 @@ def create_run(
     Protocol (version or digest) and split revision are those to come, by default those in force.
 
     Raises:
-        InvalidRecord: Nothing would change, or accepted files could not be scored under it.
+        NotFound: No such phase, protocol or split revision.
+        InvalidRecord: Nothing would change, the reason is empty, or accepted files could not be
+            scored under what is to come.
         Conflict: Another run of the phase is open.
     """
     phase = lock_phase(session, phase_id)
@@ -116,7 +118,8 @@ def start_verification(
     are `sample` sheets, drawn by the database, or without a sample all; or those of one submission.
 
     Raises:
-        InvalidRecord: There is no sheet to verify.
+        NotFound: No such phase.
+        InvalidRecord: There is no sheet to verify, or the reason is empty.
     """
     phase = find_phase(session, phase_id)
     reason = checked_reason(reason)
@@ -135,7 +138,8 @@ def verify_submission(
     """Begin a verification of the sheet of one submission; the audit log says so of both.
 
     Raises:
-        InvalidRecord: It has no sheet under what its phase shows.
+        NotFound: No such submission.
+        InvalidRecord: It has no sheet under what its phase shows, or the reason is empty.
     """
     phase_id = find_submission(session, submission_id).phase_id
     run = start_verification(
@@ -233,6 +237,8 @@ def move_run(
     `no_longer_ranked` tells of the submissions that lose their rank by it, and why.
 
     Raises:
+        NotFound: No such run.
+        InvalidRecord: The reason is empty.
         Conflict: The run is in a state from which this is not possible.
     """
     run = find_run(session, run_id, lock=True)

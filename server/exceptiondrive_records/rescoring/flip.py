@@ -180,6 +180,7 @@ def apply_run(
     `preview` is the digest of the comparison that the organizer looked at.
 
     Raises:
+        NotFound: No such run.
         Conflict: It is not ready, a sheet is missing or failed, or the preview is stale.
     """
     phase, row, compared = _checked(session, run_id, RunAction.APPLY)
@@ -201,6 +202,7 @@ def rollback_run(session: Session, run_id: str, *, reason: str, actor: str) -> R
     """Show the board under the earlier protocol again: the same bytes if nothing came since.
 
     Raises:
+        NotFound: No such run.
         Conflict: It is not applied, or sheets of fresh submissions are missing.
     """
     phase, row, compared = _checked(session, run_id, RunAction.ROLLBACK)

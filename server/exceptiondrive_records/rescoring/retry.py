@@ -38,6 +38,8 @@ def retry_submission(
     the phase shows would ever hold it. A reason is kept in the audit log.
 
     Raises:
+        InvalidRecord: The reason cannot be kept.
+        NotFound: No such submission.
         Conflict: It has not failed, the team has submitted the same bytes again since, or it has used
             its quota without this one, which cost nothing and will.
     """
@@ -71,6 +73,8 @@ def restore_submission(
     Its sheets were kept: it is scored only where none is there under what the phase shows now.
 
     Raises:
+        InvalidRecord: The reason cannot be kept.
+        NotFound: No such submission.
         Conflict: It was not withdrawn, it was a question that the team confirmed, the team has
             submitted the same bytes again since, or it was withdrawn before the deadline, and scores
             that were kept back were revealed since.

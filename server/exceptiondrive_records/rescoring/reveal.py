@@ -25,6 +25,7 @@ def reveal_split(session: Session, phase_id: str, *, reason: str, actor: str) ->
     """Begin to score the part that the phase reveals; the board changes when the run is applied.
 
     Raises:
+        NotFound: No such phase.
         Conflict: The split has no parts, it is revealed already, or a run is open.
     """
     phase = lock_phase(session, phase_id)

@@ -12,7 +12,11 @@ _OPEN = [state for state in RunState if not state.is_final]
 
 
 def find_run(session: Session, run_id: str, *, lock: bool = False) -> RescoringRun:
-    """Return a run."""
+    """Return a run.
+
+    Raises:
+        NotFound: There is none.
+    """
     return find_row(session, RescoringRun, "rescoring run", run_id, lock=lock)
 
 
@@ -24,7 +28,11 @@ def list_runs(
     only_open: bool = False,
     limit: int | None = None,
 ) -> list[RescoringRun]:
-    """Return runs of a kind, newest first, at most so many."""
+    """Return runs of a kind, newest first, at most so many.
+
+    Raises:
+        NotFound: There is no such phase.
+    """
     query = select(RescoringRun).where(RescoringRun.kind == kind)
     query = query.order_by(RescoringRun.created_at.desc(), RescoringRun.id)
     if phase_id is not None:

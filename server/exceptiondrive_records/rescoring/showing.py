@@ -58,6 +58,7 @@ def reveal_board(session: Session, phase_id: str, *, reason: str, actor: str) ->
     """End the freeze: the public board is the newest one at once; tell of scores that were kept back.
 
     Raises:
+        NotFound: No such phase.
         Conflict: It is not frozen.
     """
     phase = lock_phase(session, phase_id)

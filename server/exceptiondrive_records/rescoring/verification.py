@@ -112,7 +112,11 @@ def end_verification(session: Session, run: RescoringRun, max_attempts: int) -> 
 
 
 def verification_view(session: Session, run_id: str) -> VerificationView:
-    """Return a verification as organizers see it."""
+    """Return a verification as organizers see it.
+
+    Raises:
+        NotFound: There is none.
+    """
     run = find_run(session, run_id)
     if run.kind is not RunKind.VERIFICATION:
         raise NotFound("verification", run_id)

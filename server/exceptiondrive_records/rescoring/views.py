@@ -118,6 +118,7 @@ def preview_of(session: Session, run_id: str, seen: str | None = None) -> Previe
     With the digest of an earlier one as `seen`, the answer says whether that is stale now.
 
     Raises:
+        NotFound: No such run.
         Conflict: One of the two boards is not there yet; the sentence says why.
     """
     run = find_run(session, run_id)
@@ -202,6 +203,9 @@ def board_history(session: Session, phase_id: str) -> list[BoardHistoryLine]:
     """Return every board that was ever public, newest first, with what made it so.
 
     A phase may have thousands of boards of a megabyte each: none of them is read.
+
+    Raises:
+        NotFound: No such phase.
     """
     phase = find_phase(session, phase_id)
     query = (

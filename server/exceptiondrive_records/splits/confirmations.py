@@ -29,6 +29,7 @@ def add_confirmation(session: Session, given: Confirmation, actor: str) -> Confi
     """Keep a confirmation; the same one again does nothing.
 
     Raises:
+        NotFound: The split revision is not registered, or no such protocol was added.
         InvalidRecord: The signature is not of this split, protocol and key.
         Conflict: This key signed it and took that back.
     """

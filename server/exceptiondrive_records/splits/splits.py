@@ -126,6 +126,7 @@ def publish_split(
     """Mark a split, and its parts, as a development split whose whole file anyone may have.
 
     Raises:
+        NotFound: No such split.
         Conflict: It was published as another file.
     """
     row = find_split(session, name, revision)
@@ -143,7 +144,11 @@ def publish_split(
 
 
 def find_split(session: Session, name: str, revision: str | None = None) -> SplitRow:
-    """Return a split, by default the whole one that was registered last."""
+    """Return a split, by default the whole one that was registered last.
+
+    Raises:
+        NotFound: There is none.
+    """
     query = select(SplitRow).where(SplitRow.name == name)
     if revision is None:
         query = query.where(SplitRow.part.is_(None))
@@ -158,7 +163,11 @@ def find_split(session: Session, name: str, revision: str | None = None) -> Spli
 
 
 def whole_split(session: Session, name: str, revision: str) -> SplitRow:
-    """Return the whole split of a revision: of a part, the one registered last that has it."""
+    """Return the whole split of a revision: of a part, the one registered last that has it.
+
+    Raises:
+        NotFound: There is none.
+    """
     row = find_split(session, name, revision)
     if row.part is None:
         return row
@@ -208,7 +217,11 @@ def words_of_revision(split: SplitRow) -> str:
 
 
 def manifest_of(session: Session, name: str, revision: str | None = None) -> Manifest:
-    """Return the manifest of a split."""
+    """Return the manifest of a split.
+
+    Raises:
+        NotFound: There is no such split.
+    """
     return find_split(session, name, revision).manifest
 
 

@@ -47,6 +47,8 @@ def edit_submission(
     Quota, time and score stay as they are. What changes nothing leaves no trace.
 
     Raises:
+        NotFound: No such submission.
+        InvalidRecord: A text, link or name cannot be used.
         Conflict: The name is that of another method and the deadline has passed, or the team has
             edited enough today.
     """

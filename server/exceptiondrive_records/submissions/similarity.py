@@ -81,7 +81,11 @@ def _alarm(session: Session, submission: Submission) -> None:
 
 
 def similarity_report(session: Session, phase_id: str) -> SimilarityReport:
-    """Return which submissions of a phase are alike, the nearest pairs first."""
+    """Return which submissions of a phase are alike, the nearest pairs first.
+
+    Raises:
+        NotFound: No such phase.
+    """
     find_phase(session, phase_id)
     query = (
         select(Submission, Team, SimilarityRow.alike)

@@ -109,14 +109,22 @@ def _linked_otherwise(first: Submission) -> Conflict:
 
 
 def checked_description(text: str) -> str:
-    """Return a description that can be shown."""
+    """Return a description that can be shown.
+
+    Raises:
+        InvalidRecord: It is too long, or cannot be shown.
+    """
     return checked_text(
         "description", text, max_length=2000, may_be_empty=True, may_have_lines=True
     )
 
 
 def checked_facts(facts: MethodFacts) -> MethodFacts | None:
-    """Return facts whose texts can be shown; None where nothing is told."""
+    """Return facts whose texts can be shown; None where nothing is told.
+
+    Raises:
+        InvalidRecord: A text cannot be shown.
+    """
     texts = {
         name: checked_text(
             str(field.title), getattr(facts, name), max_length=200, may_be_empty=True
@@ -223,6 +231,7 @@ def accept(
 
     Raises:
         NotFound: No such phase, or the team has no submission to link to.
+        InvalidRecord: A text or link cannot be used.
         Conflict: The counterpart has no score, the same bytes are there with other words, the
             key names another upload, or the team was refused.
         NotAllowed: The team waits for approval, is disqualified, or has not accepted the terms.
@@ -303,6 +312,7 @@ def confirm(session: Session, submission_id: str, *, actor: str) -> Submission:
     so that no confirmation under way loses it.
 
     Raises:
+        NotFound: No such submission.
         Conflict: Nothing is asked of it, or the time to confirm has passed.
         RecordsError: It is refused as by `accept`.
     """
@@ -410,6 +420,7 @@ def withdraw(session: Session, submission_id: str, *, actor: str) -> Submission:
     Withdrawing twice does nothing.
 
     Raises:
+        NotFound: No such submission.
         Conflict: It was rejected or has failed: there is nothing to withdraw.
     """
     lock_jobs(session, Job.submission_id == submission_id)

@@ -47,6 +47,7 @@ def create_team(
     """Create a team.
 
     Raises:
+        InvalidRecord: The slug or the name cannot be used.
         Conflict: One of them is taken.
     """
     name = checked_team(slug, name)
@@ -87,7 +88,11 @@ def names_that_look_alike(session: Session) -> list[tuple[str, ...]]:
 
 
 def find_team(session: Session, slug: str, *, lock: bool = False) -> Team:
-    """Return the team with this slug; locked, as by `hold_team`."""
+    """Return the team with this slug; locked, as by `hold_team`.
+
+    Raises:
+        NotFound: There is none.
+    """
     query = select(Team).where(Team.slug == slug)
     if lock:
         query = query.with_for_update(key_share=True).execution_options(populate_existing=True)
@@ -113,6 +118,8 @@ def refuse_team(session: Session, slug: str, *, reason: str, actor: str) -> None
     say so; but for the tables of which the server may delete nothing, whose rows keep the team.
 
     Raises:
+        NotFound: There is no such team.
+        InvalidRecord: The reason cannot be kept.
         Conflict: It was approved, has submitted, or was disqualified.
     """
     team = find_team(session, slug, lock=True)
@@ -162,6 +169,7 @@ def register_team(
     """Make a team that waits for approval, and its first token, whose text is returned once.
 
     Raises:
+        InvalidRecord: A text cannot be used.
         Conflict: Id or name is taken, or too many teams wait for approval.
     """
     team = make_pending_team(session, slug, name, note, actor="registration", address=address)
@@ -178,6 +186,7 @@ def make_pending_team(
     of its network is kept, until the team is approved.
 
     Raises:
+        InvalidRecord: A text cannot be used.
         Conflict: Id or name is taken, or too many teams wait for approval, of all or of the network.
     """
     network = _network_digest(address)
