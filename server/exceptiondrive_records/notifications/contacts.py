@@ -70,8 +70,10 @@ def add_contact(
         raise Conflict("The team is told at this address already.")
     if len(held) >= MAX_CONTACTS:
         raise Conflict(f"A team may be told at {MAX_CONTACTS} addresses; remove one first.")
+    own = select(ContactPoint.id).where(ContactPoint.team_id == team_id)
+    if lines_of_a_day(session, ["contact added"], own) >= MAX_ADDED_A_DAY:
+        raise Conflict(f"A team may add {MAX_ADDED_A_DAY} addresses in 24 hours; go on later.")
     now = database_now(session)
-    _require_additions_left(session, team_id, now)
     mailbox_digest = _mailbox_digest(address) if channel is Channel.EMAIL else None
     if mailbox_digest is not None:
         _require_may_be_asked(session, team_id, mailbox_digest, now)
@@ -217,15 +219,6 @@ def _question(session: Session, contact: ContactPoint, now: datetime) -> Notific
         ),
         comparison=contact_link(contact, "confirm"),
     )
-
-
-def _require_additions_left(session: Session, team_id: int, now: datetime) -> None:
-    """Each addition writes one mail to somebody who may not want it."""
-    query = select(func.count()).where(
-        ContactPoint.team_id == team_id, ContactPoint.created_at > now - timedelta(days=1)
-    )
-    if (session.scalar(query) or 0) >= MAX_ADDED_A_DAY:
-        raise Conflict(f"A team may add {MAX_ADDED_A_DAY} addresses in 24 hours; go on later.")
 
 
 def _mailbox_digest(address: str) -> str:
