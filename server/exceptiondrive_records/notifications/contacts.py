@@ -31,6 +31,7 @@ from exceptiondrive_schemas.base import bytes_digest
 
 MAX_CONTACTS = 5
 MAX_ADDED_A_DAY = 20
+"""Each addition writes one mail to somebody who may not want it."""
 MAX_CHANGED_A_DAY = 50
 """Of a team, whichever address: each leaves an audit line for ever."""
 MAX_ASKED_A_DAY = 3
@@ -70,10 +71,10 @@ def add_contact(
         raise Conflict("The team is told at this address already.")
     if len(held) >= MAX_CONTACTS:
         raise Conflict(f"A team may be told at {MAX_CONTACTS} addresses; remove one first.")
-    own = select(ContactPoint.id).where(ContactPoint.team_id == team_id)
-    if lines_of_a_day(session, ["contact added"], own) >= MAX_ADDED_A_DAY:
-        raise Conflict(f"A team may add {MAX_ADDED_A_DAY} addresses in 24 hours; go on later.")
     now = database_now(session)
+    of_today = (ContactPoint.team_id == team_id, ContactPoint.created_at > now - timedelta(days=1))
+    if (session.scalar(select(func.count()).where(*of_today)) or 0) >= MAX_ADDED_A_DAY:
+        raise Conflict(f"A team may add {MAX_ADDED_A_DAY} addresses in 24 hours; go on later.")
     mailbox_digest = _mailbox_digest(address) if channel is Channel.EMAIL else None
     if mailbox_digest is not None:
         _require_may_be_asked(session, team_id, mailbox_digest, now)

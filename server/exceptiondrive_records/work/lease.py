@@ -186,7 +186,7 @@ def finish(
 ) -> bool:
     """End an item; what was asked for meanwhile waits again. The note says why it came to nothing.
 
-    Whether the lease was still held: otherwise nothing was changed but the audit log.
+    It says whether the lease was still held: otherwise nothing was changed but the audit log.
     """
     how = {"was_asked": item.asked, "ends_as": state.value, "note": note}
     return _leave(session, item, _FINISH, rests_s=0.0, **how)
