@@ -2,10 +2,10 @@
 
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import cast, get_args
 
-from exceptiondrive_records.db.csv_table import csv_rows, faults_text
+from exceptiondrive_records.db.csv_table import faults_text, named_rows
 from exceptiondrive_records.db.errors import InvalidRecord
 from exceptiondrive_records.db.identifiers import checked_text
 from exceptiondrive_schemas.challenges import Challenge, Metric
@@ -46,7 +46,8 @@ def read_rows(text: str, challenge: Challenge) -> tuple[ImportedRow, ...]:
     rows: list[ImportedRow] = []
     faults: list[tuple[int, str]] = []
     seen: dict[tuple[object, ...], int] = {}
-    for number, values in _lines(text):
+    for number, cells in named_rows(text, most=MAX_ROWS):
+        values = {name: from_spreadsheet(cell) for name, cell in cells.items()}
         try:
             row = _row(values, challenge)
         except InvalidRecord as refusal:
@@ -61,23 +62,6 @@ def read_rows(text: str, challenge: Challenge) -> tuple[ImportedRow, ...]:
     if faults:
         raise InvalidRecord(f"Nothing was imported. {faults_text(faults)}")
     return tuple(rows)
-
-
-def _lines(text: str) -> Iterator[tuple[int, Mapping[str, str]]]:
-    (_, head), *rows = csv_rows(text) or [(1, [])]
-    names = [name.strip().lower() for name in head]
-    twice = {name for name in names if names.count(name) > 1}
-    if twice:
-        raise InvalidRecord(f"The first line names the column {min(twice)} twice.")
-    if not rows:
-        raise InvalidRecord(
-            "The file has no row: write the names of columns first, then one method a line."
-        )
-    if len(rows) > MAX_ROWS:
-        raise InvalidRecord(f"The file has more than {MAX_ROWS} rows; import it in parts.")
-    for number, cells in rows:
-        values = map(from_spreadsheet, map(str.strip, cells))
-        yield number, dict(zip(names, values, strict=True))
 
 
 def _row(values: Mapping[str, str], challenge: Challenge) -> ImportedRow:
