@@ -440,5 +440,5 @@ def _pairs_of_parquet(path: Path, data: bytes, mode: int | None) -> Iterator[Raw
         for row in rows:
             yield _pair_of_json(path, row, mode, lambda _: None)
         return
-    require_columns(path, table.column_names)
+    require_columns(path, table.column_names, ", or sample_id,source,edited")
     yield from pairs_of_rows(path, ((f"row {at}", row) for at, row in enumerate(rows, start=1)))
