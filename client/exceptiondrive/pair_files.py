@@ -350,7 +350,7 @@ def _listed(path: Path, predictions: Any) -> Iterator[Any]:
             TWO_RUNS,
         )
     for sample_id, value in predictions.items():
-        yield {**value, "sample_id": sample_id} if isinstance(value, dict) else value
+        yield {**value, "sample_id": sample_id} if isinstance(value, dict) else predictions
 
 
 def _is_run(values: Collection[Any]) -> bool:

@@ -397,6 +397,7 @@ HEADER = "sample_id,trajectory,step,x_m,y_m\n"
         ('{"sample_id": "s1"}\nrubbish\n', "line 2 is not JSON"),
         ("[" * 100_000, "line 1 is not JSON: nested too deeply"),
         ('{"source": null}', "needs a sample_id"),
+        ('{"id": "s1", "plan": [[1, 0]]}', "needs a sample_id, got {'id': 's1', 'plan'"),
         ('{"s1": [[1, 0]]}', "is one run of a planner"),
         ('{"s1": [[1, 0]], "s2": null, "s3": [[1, 0]]}', "is one run of a planner"),
         ("", "is empty: check that your program finished writing it"),
