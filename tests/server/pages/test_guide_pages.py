@@ -197,6 +197,7 @@ async def test_every_fault_of_a_file_has_a_page_with_the_checkers_report(
     assert answer.status_code == 200
     assert "Expected" in answer.text
     assert "Got" in answer.text
+    assert "`" not in answer.text, "commands are set as code"
 
 
 async def test_the_index_leads_to_every_code(shown_site: Any) -> None:
