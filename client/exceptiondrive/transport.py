@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from datetime import datetime
 from email.utils import parsedate_to_datetime
 from functools import partial
-from typing import Any, NoReturn, TypeVar, cast
+from typing import Any, NoReturn, TypeVar
 from urllib.parse import quote, urlsplit
 from urllib.request import getproxies, proxy_bypass
 
@@ -79,8 +79,6 @@ LONGEST_RETRY_AFTER_S = 30.0
 """Who asks to come back later than this is told to the user instead."""
 MAX_ANSWER_BYTES = 256_000_000
 """Unpacked: more than any document, where a megabyte can unpack to a gigabyte."""
-_MAX_BYTES = "exceptiondrive.max_bytes"
-_ON_PROGRESS = "exceptiondrive.on_progress"
 Query = Mapping[str, str | int | None]
 Record = dict[str, Any]
 """A JSON object as the API documents it."""
@@ -130,40 +128,26 @@ class _CountingStream(io.BytesIO):
         return chunk
 
 
-class _BoundedAnswer(httpx.SyncByteStream):
-    """The body of an answer, unpacked, that tells how much of it has come and has an end."""
-
-    def __init__(self, response: httpx.Response) -> None:
-        stream = cast(httpx.SyncByteStream, response.stream)
-        self._packed = httpx.Response(
-            response.status_code, headers=response.headers, stream=stream, request=response.request
-        )
-        self._size = int(response.headers.get("content-length", 0))
-        found = response.request.extensions.get(_ON_PROGRESS) if response.is_success else None
-        self._on_progress: Progress = found or (lambda *_: None)
-        self._max_bytes = response.request.extensions.get(_MAX_BYTES, MAX_ANSWER_BYTES)
-
-    def __iter__(self) -> Iterator[bytes]:
-        come = 0
-        for part in self._packed.iter_bytes():
-            come += len(part)
-            if come > self._max_bytes:
-                raise ServerError(
-                    "answer_too_large",
-                    f"The server answered {self._packed.url.path} with more than "
-                    f"{self._max_bytes:,} bytes.",
-                    "Check the address of the server, and tell the organizers.",
-                )
-            self._on_progress(self._packed.num_bytes_downloaded, self._size)
-            yield part
-
-    def close(self) -> None:
-        self._packed.close()
-
-
-def _bound(response: httpx.Response) -> None:
-    response.stream = _BoundedAnswer(response)
-    response.headers.pop("content-encoding", None)
+def _whole(packed: httpx.Response, on_progress: Progress | None, max_bytes: int) -> httpx.Response:
+    """Return an answer with its body, unpacked, which has an end; tell how much of it has come."""
+    size, body = int(packed.headers.get("content-length", 0)), bytearray()
+    for part in packed.iter_bytes():
+        body += part
+        if len(body) > max_bytes:
+            raise ServerError(
+                "answer_too_large",
+                f"The server answered {packed.url.path} with more than {max_bytes:,} bytes.",
+                "Check the address of the server, and tell the organizers.",
+            )
+        if on_progress is not None and packed.is_success:
+            on_progress(packed.num_bytes_downloaded, size)
+    headers, request = packed.headers, packed.request
+    headers.pop("content-encoding", None)
+    whole = httpx.Response(
+        packed.status_code, headers=headers, content=bytes(body), request=request
+    )
+    whole.next_request = packed.next_request
+    return whole
 
 
 def _said_at(response: httpx.Response) -> datetime | None:
@@ -323,7 +307,6 @@ class Transport:
                 headers=headers,
                 timeout=httpx.Timeout(timeout_s),
                 verify=True if server.startswith("https:") else trusts_nobody(),
-                event_hooks={"response": [_bound]},
             )
         except (ImportError, OSError, ValueError, httpx.InvalidURL) as error:
             raise InvalidArgumentError(
@@ -356,8 +339,7 @@ class Transport:
             max_bytes: Of the answer, unpacked.
         """
         params = {key: value for key, value in (query or {}).items() if value is not None}
-        more = {_ON_PROGRESS: on_progress, _MAX_BYTES: max_bytes}
-        return self._send(lambda: self._http.get(path, params=params, extensions=more))
+        return self._send("GET", path, lambda: {"params": params}, True, on_progress, max_bytes)
 
     def post(
         self, path: str, body: Callable[[], dict[str, Any]], is_repeatable: bool = True
@@ -370,7 +352,7 @@ class Transport:
             is_repeatable: Whether the same request twice is as good as once: the server recognises
                 the same upload, and withdrawing twice is one.
         """
-        return self._send(lambda: self._http.post(path, **body()), is_repeatable)
+        return self._send("POST", path, body, is_repeatable)
 
     def post_once(
         self, path: str, document: Mapping[str, Any], *, with_none: bool = False
@@ -396,7 +378,7 @@ class Transport:
 
     def send_patch(self, path: str, changes: Mapping[str, Any]) -> httpx.Response:
         """PATCH as `patch` does; return the answer unread."""
-        return self._send(lambda: self._http.patch(path, json=dict(changes)))
+        return self._send("PATCH", path, lambda: {"json": dict(changes)})
 
     def record(self, path: str, query: Query | None = None) -> Record:
         """GET one JSON object."""
@@ -407,8 +389,18 @@ class Transport:
         return read_answer(_RECORDS.validate_json, self.get(path, query))
 
     def _send(
-        self, request: Callable[[], httpx.Response], is_repeatable: bool = True
+        self,
+        method: str,
+        path: str,
+        arguments: Callable[[], dict[str, Any]],
+        is_repeatable: bool = True,
+        on_progress: Progress | None = None,
+        max_bytes: int = MAX_ANSWER_BYTES,
     ) -> httpx.Response:
+        def request() -> httpx.Response:
+            with self._http.stream(method, path, **arguments()) as packed:
+                return _whole(packed, on_progress, max_bytes)
+
         if self._http.is_closed:
             raise InvalidArgumentError(
                 "client_closed",

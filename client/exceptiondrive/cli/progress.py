@@ -61,10 +61,11 @@ def step_line(*, is_shown: bool = True) -> Iterator[Callable[[str], None]]:
         yield lambda step: None
         return
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+    from rich.table import Column
 
     line = Progress(
         SpinnerColumn(),
-        TextColumn("{task.description}", markup=False),
+        TextColumn("{task.description}", markup=False, table_column=Column()),  # whole, folded
         TimeElapsedColumn(),
         console=console(stderr=True),
         transient=True,
