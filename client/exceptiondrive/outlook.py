@@ -56,14 +56,10 @@ class Outlook:
     alike: str | None = None
 
     @property
-    def is_known(self) -> bool:
-        """Whether the team submitted the same bytes before."""
-        return self.first is not None
-
-    @property
     def to_confirm(self) -> Mapping[str, str]:
         """What nobody may be surprised by, in a sentence; by the argument of `submit` that says yes."""
-        if self.is_known or self.is_closed or self.owes_terms or self.quota_error is not None:
+        will_be_refused = self.is_closed or self.owes_terms or self.quota_error is not None
+        if self.first is not None or will_be_refused:
             return {}
         from exceptiondrive_schemas.api.own_entries import to_confirm
 

@@ -124,7 +124,8 @@ def read_bytes(path: Path) -> bytes:
         raise InvalidArgumentError(
             "unreadable_file",
             f"{path.name} is a pickle, which is never loaded: it could run code.",
-            "Dump it as JSON where it was written; docs/client.md has a line for each planner.",
+            "Dump it as JSON where it was written, {token: array.tolist(), ...}; docs/client.md has a "
+            "line for each planner.",
         )
     return data
 
@@ -191,7 +192,11 @@ def read_arrays(path: Path, data: bytes, *names: str) -> tuple[list[Any], ...]:
         zipfile.BadZipFile,
         zlib.error,
     ) as error:
-        raise fault(path, f"cannot be read as arrays of numbers: {error}") from None
+        raise fault(
+            path,
+            "cannot be read as arrays of numbers, with ids of dtype=str and NaN for what is missing: "
+            f"{error}",
+        ) from None
     lengths = {len(column) if isinstance(column, list) else None for column in columns}
     if len(lengths) != 1 or None in lengths:
         raise fault(path, f"the arrays {', '.join(names)} must have as many rows each.")
@@ -261,7 +266,7 @@ def _pairs_of(path: Path, splits: set[str], mode: int | None, on_form: OnForm) -
         raise fault(path, f"is {kind}. {READ_HERE}")
     if data.startswith((NPZ_MAGIC, NPY_MAGIC)):
         on_form("arrays (NPZ)")
-        yield from _pairs_of_arrays(path, data)
+        yield from _pairs_of_arrays(path, data, mode, on_form)
         return
     if data.startswith(PARQUET_MAGIC):
         on_form("Parquet")
@@ -278,10 +283,12 @@ def _pairs_of(path: Path, splits: set[str], mode: int | None, on_form: OnForm) -
         yield _pair_of_json(path, value, mode, on_form)
 
 
-def _pairs_of_arrays(path: Path, data: bytes) -> Iterator[RawPair]:
+def _pairs_of_arrays(
+    path: Path, data: bytes, mode: int | None, on_form: OnForm
+) -> Iterator[RawPair]:
     sample_ids, *sides = read_arrays(path, data, "sample_id", *SIDES)
     for sample_id, *pair in zip(sample_ids, *sides, strict=True):
-        source, edited = (points_of(path, str(sample_id), points, None) for points in pair)
+        source, edited = (points_of(path, str(sample_id), points, mode, on_form) for points in pair)
         yield RawPair(str(sample_id), source, edited)
 
 
@@ -343,7 +350,7 @@ def _listed(path: Path, predictions: Any) -> Iterator[Any]:
             TWO_RUNS,
         )
     for sample_id, value in predictions.items():
-        yield {**value, "sample_id": sample_id} if isinstance(value, dict) else value
+        yield {**value, "sample_id": sample_id} if isinstance(value, dict) else predictions
 
 
 def _is_run(values: Collection[Any]) -> bool:
@@ -385,7 +392,8 @@ def _pair_of_json(path: Path, value: Any, mode: int | None, on_form: OnForm) -> 
     sample_id = value["sample_id"]
     unknown = sorted(set(value) - {"sample_id", *SIDES})
     if unknown:
-        raise fault(path, f"{sample_id}: unknown key {', '.join(unknown)}.")
+        known = "a prediction has sample_id, source and edited alone"
+        raise fault(path, f"{sample_id}: unknown key {', '.join(unknown)}; {known}.")
     source, edited = (
         points_of(path, f"{sample_id}: {side}", value.get(side), mode, on_form) for side in SIDES
     )
@@ -432,5 +440,5 @@ def _pairs_of_parquet(path: Path, data: bytes, mode: int | None) -> Iterator[Raw
         for row in rows:
             yield _pair_of_json(path, row, mode, lambda _: None)
         return
-    require_columns(path, table.column_names)
+    require_columns(path, table.column_names, ", or sample_id,source,edited")
     yield from pairs_of_rows(path, ((f"row {at}", row) for at, row in enumerate(rows, start=1)))

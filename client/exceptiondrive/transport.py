@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from datetime import datetime
 from email.utils import parsedate_to_datetime
 from functools import partial
-from typing import Any, NoReturn, TypeVar, cast
+from typing import Any, NoReturn, TypeVar
 from urllib.parse import quote, urlsplit
 from urllib.request import getproxies, proxy_bypass
 
@@ -60,24 +60,14 @@ _LISTED_BY = {
 }
 """Which command lists them, by what the server calls one that it does not know."""
 _PASSING = (ProblemCode.TOO_MANY_REQUESTS, ProblemCode.STORE_UNAVAILABLE)
-_KINDS: dict[ProblemCode, type[ExceptionDriveError]] = {
-    ProblemCode.NOT_SIGNED_IN: NotSignedInError,
-    ProblemCode.NOT_ALLOWED: NotAllowedError,
-    ProblemCode.PHASE_CLOSED: NotAllowedError,
-    ProblemCode.CONFLICT: NotAllowedError,
-    ProblemCode.NOT_FOUND: NotFoundError,
-    ProblemCode.TOO_MANY_REQUESTS: NetworkError,
-    ProblemCode.STORE_UNAVAILABLE: ServerError,
-    ProblemCode.INTERNAL: ServerError,
-}
-_KINDS_OF_STATUSES: dict[int, type[ExceptionDriveError]] = {
+_KINDS: dict[int, type[ExceptionDriveError]] = {
     401: NotSignedInError,
     403: NotAllowedError,
     404: NotFoundError,
     409: NotAllowedError,
     429: NetworkError,
 }
-"""Of a problem whose code a newer server has."""
+"""By the status of a problem; else it is the request that is wrong, or from 500 on the server."""
 _QUOTA_CODES = (ProblemCode.QUOTA_EXCEEDED, ProblemCode.REJECTED_CAP_EXCEEDED)
 RETRIED_STATUSES = frozenset({502, 503, 504})
 ATTEMPTS = 5
@@ -89,8 +79,6 @@ LONGEST_RETRY_AFTER_S = 30.0
 """Who asks to come back later than this is told to the user instead."""
 MAX_ANSWER_BYTES = 256_000_000
 """Unpacked: more than any document, where a megabyte can unpack to a gigabyte."""
-_MAX_BYTES = "exceptiondrive.max_bytes"
-_ON_PROGRESS = "exceptiondrive.on_progress"
 Query = Mapping[str, str | int | None]
 Record = dict[str, Any]
 """A JSON object as the API documents it."""
@@ -140,40 +128,26 @@ class _CountingStream(io.BytesIO):
         return chunk
 
 
-class _BoundedAnswer(httpx.SyncByteStream):
-    """The body of an answer, unpacked, that tells how much of it has come and has an end."""
-
-    def __init__(self, response: httpx.Response) -> None:
-        stream = cast(httpx.SyncByteStream, response.stream)
-        self._packed = httpx.Response(
-            response.status_code, headers=response.headers, stream=stream, request=response.request
-        )
-        self._size = int(response.headers.get("content-length", 0))
-        found = response.request.extensions.get(_ON_PROGRESS) if response.is_success else None
-        self._on_progress: Progress = found or (lambda *_: None)
-        self._max_bytes = response.request.extensions.get(_MAX_BYTES, MAX_ANSWER_BYTES)
-
-    def __iter__(self) -> Iterator[bytes]:
-        come = 0
-        for part in self._packed.iter_bytes():
-            come += len(part)
-            if come > self._max_bytes:
-                raise ServerError(
-                    "answer_too_large",
-                    f"The server answered {self._packed.url.path} with more than "
-                    f"{self._max_bytes:,} bytes.",
-                    "Check the address of the server, and tell the organizers.",
-                )
-            self._on_progress(self._packed.num_bytes_downloaded, self._size)
-            yield part
-
-    def close(self) -> None:
-        self._packed.close()
-
-
-def _bound(response: httpx.Response) -> None:
-    response.stream = _BoundedAnswer(response)
-    response.headers.pop("content-encoding", None)
+def _whole(packed: httpx.Response, on_progress: Progress | None, max_bytes: int) -> httpx.Response:
+    """Return an answer with its body, unpacked, which has an end; tell how much of it has come."""
+    size, body = int(packed.headers.get("content-length", 0)), bytearray()
+    for part in packed.iter_bytes():
+        body += part
+        if len(body) > max_bytes:
+            raise ServerError(
+                "answer_too_large",
+                f"The server answered {packed.url.path} with more than {max_bytes:,} bytes.",
+                "Check the address of the server, and tell the organizers.",
+            )
+        if on_progress is not None and packed.is_success:
+            on_progress(packed.num_bytes_downloaded, size)
+    headers, request = packed.headers, packed.request
+    headers.pop("content-encoding", None)
+    whole = httpx.Response(
+        packed.status_code, headers=headers, content=bytes(body), request=request
+    )
+    whole.next_request = packed.next_request
+    return whole
 
 
 def _said_at(response: httpx.Response) -> datetime | None:
@@ -191,24 +165,29 @@ def error_of(problem: Problem, wait_s: float | None = None) -> ExceptionDriveErr
         problem: What the server said.
         wait_s: Seconds of its Retry-After header.
     """
-    if problem.code not in list(ProblemCode):
-        return _newer_problem(problem)
     if problem.code in _QUOTA_CODES:
         return QuotaError(problem.code.value, problem.detail, problem.resets_at)
-    if problem.code in _PASSING:
-        return _KINDS[problem.code](problem.code.value, problem.detail, _again_in(wait_s))
-    advice = _ADVICE.get(problem.code, "")
-    is_ours = problem.code is ProblemCode.INTERNAL
-    if is_ours and problem.request_id and problem.request_id not in problem.detail:
-        advice = f"Tell the organizers this request id: {problem.request_id}."
-    unknown = problem.detail.removeprefix("There is no ").partition(" '")[0]
-    if problem.code is ProblemCode.NOT_FOUND and unknown in _LISTED_BY:
-        advice = f"`exceptiondrive {_LISTED_BY[unknown]}` lists what there is."
-    kind = _KINDS.get(problem.code)
-    if kind is None:
+    usual = InvalidArgumentError if problem.status < 500 else ServerError
+    kind = _KINDS.get(problem.status, usual)
+    advice = _advice_on(problem, wait_s)
+    if kind is InvalidArgumentError or problem.code is ProblemCode.NOT_CONFIRMED:
         sentence = " ".join([problem.detail, *(f"{k}: {v}" for k, v in problem.fields.items())])
         return InvalidArgumentError(problem.code.value, sentence, advice, problem.fields)
     return kind(problem.code.value, problem.detail, advice)
+
+
+def _advice_on(problem: Problem, wait_s: float | None) -> str:
+    if problem.code not in list(ProblemCode):
+        return "The newest client, from the page /client/ of the server, may know what to do."
+    if problem.code in _PASSING:
+        return _again_in(wait_s)
+    is_ours = problem.code is ProblemCode.INTERNAL
+    if is_ours and problem.request_id and problem.request_id not in problem.detail:
+        return f"Tell the organizers this request id: {problem.request_id}."
+    unknown = problem.detail.removeprefix("There is no ").partition(" '")[0]
+    if problem.code is ProblemCode.NOT_FOUND and unknown in _LISTED_BY:
+        return f"`exceptiondrive {_LISTED_BY[unknown]}` lists what there is."
+    return _ADVICE.get(problem.code, "")
 
 
 def retry_after_s(response: httpx.Response) -> float | None:
@@ -223,14 +202,6 @@ def _again_in(wait_s: float | None) -> str:
         return "Wait a little and run the same command again."
     length = f"{wait_s:g} s" if wait_s < 180 else f"{math.ceil(wait_s / 60)} minutes"
     return f"Run the same command again in {length}, as the server asks."
-
-
-def _newer_problem(problem: Problem) -> ExceptionDriveError:
-    """Return the error for a problem whose code this client does not know."""
-    usual = InvalidArgumentError if problem.status < 500 else ServerError
-    advice = "The newest client, from the page /client/ of the server, may know what to do."
-    kind = _KINDS_OF_STATUSES.get(problem.status, usual)
-    return kind(problem.code.value, problem.detail, advice)
 
 
 def _unknown_answer(response: httpx.Response) -> ExceptionDriveError:
@@ -291,15 +262,11 @@ def _require_sendable(attempts: object, timeout_s: object) -> None:
         InvalidArgumentError: They are such, or no numbers.
     """
     if not (isinstance(attempts, int) and attempts >= 1):
-        raise InvalidArgumentError(
-            "wrong_argument",
-            f"attempts is a whole number from 1 on, not {attempts!r}.",
-            "The first one counts, too: 1 sends nothing again.",
-        )
+        words = f"attempts is a whole number from 1 on, the first counts too, not {attempts!r}."
+        raise InvalidArgumentError("wrong_argument", words)
     if not (isinstance(timeout_s, int | float) and timeout_s > 0):
-        raise InvalidArgumentError(
-            "wrong_argument", f"timeout_s is a number of seconds above 0, not {timeout_s!r}."
-        )
+        words = f"timeout_s is a number of seconds above 0, not {timeout_s!r}."
+        raise InvalidArgumentError("wrong_argument", words)
 
 
 class Transport:
@@ -340,7 +307,6 @@ class Transport:
                 headers=headers,
                 timeout=httpx.Timeout(timeout_s),
                 verify=True if server.startswith("https:") else trusts_nobody(),
-                event_hooks={"response": [_bound]},
             )
         except (ImportError, OSError, ValueError, httpx.InvalidURL) as error:
             raise InvalidArgumentError(
@@ -373,8 +339,7 @@ class Transport:
             max_bytes: Of the answer, unpacked.
         """
         params = {key: value for key, value in (query or {}).items() if value is not None}
-        more = {_ON_PROGRESS: on_progress, _MAX_BYTES: max_bytes}
-        return self._send(lambda: self._http.get(path, params=params, extensions=more))
+        return self._send("GET", path, lambda: {"params": params}, True, on_progress, max_bytes)
 
     def post(
         self, path: str, body: Callable[[], dict[str, Any]], is_repeatable: bool = True
@@ -387,7 +352,7 @@ class Transport:
             is_repeatable: Whether the same request twice is as good as once: the server recognises
                 the same upload, and withdrawing twice is one.
         """
-        return self._send(lambda: self._http.post(path, **body()), is_repeatable)
+        return self._send("POST", path, body, is_repeatable)
 
     def post_once(
         self, path: str, document: Mapping[str, Any], *, with_none: bool = False
@@ -413,7 +378,7 @@ class Transport:
 
     def send_patch(self, path: str, changes: Mapping[str, Any]) -> httpx.Response:
         """PATCH as `patch` does; return the answer unread."""
-        return self._send(lambda: self._http.patch(path, json=dict(changes)))
+        return self._send("PATCH", path, lambda: {"json": dict(changes)})
 
     def record(self, path: str, query: Query | None = None) -> Record:
         """GET one JSON object."""
@@ -424,8 +389,18 @@ class Transport:
         return read_answer(_RECORDS.validate_json, self.get(path, query))
 
     def _send(
-        self, request: Callable[[], httpx.Response], is_repeatable: bool = True
+        self,
+        method: str,
+        path: str,
+        arguments: Callable[[], dict[str, Any]],
+        is_repeatable: bool = True,
+        on_progress: Progress | None = None,
+        max_bytes: int = MAX_ANSWER_BYTES,
     ) -> httpx.Response:
+        def request() -> httpx.Response:
+            with self._http.stream(method, path, **arguments()) as packed:
+                return _whole(packed, on_progress, max_bytes)
+
         if self._http.is_closed:
             raise InvalidArgumentError(
                 "client_closed",

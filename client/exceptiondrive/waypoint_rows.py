@@ -41,8 +41,8 @@ def unless_missing(points: Waypoints) -> Waypoints | None:
     return None if is_missing else points
 
 
-def require_columns(path: Path, names: Collection[str]) -> None:
-    """Refuse a table of waypoints that lacks a column.
+def require_columns(path: Path, names: Collection[str], other_form: str = "") -> None:
+    """Refuse a table of waypoints that lacks a column; say in which other form it could be.
 
     Raises:
         InvalidArgumentError: It lacks one.
@@ -50,7 +50,8 @@ def require_columns(path: Path, names: Collection[str]) -> None:
     absent = sorted(set(CSV_COLUMNS) - set(names))
     if absent:
         raise fault(
-            path, f"has no column {', '.join(absent)}; there must be {','.join(CSV_COLUMNS)}."
+            path,
+            f"has no column {', '.join(absent)}; there must be {','.join(CSV_COLUMNS)}{other_form}.",
         )
 
 

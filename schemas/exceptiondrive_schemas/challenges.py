@@ -6,7 +6,7 @@ is checked (`exceptiondrive_schemas.check.rules`), and how it is measured and gr
 Upload, jobs, records, rescoring, boards and pages are the same code.
 """
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable
 from functools import partial
 from typing import Annotated, Any, Literal, NewType, TypeVar
 
@@ -565,11 +565,8 @@ STRATEGY = Challenge(
 Registered = TypeVar("Registered")
 
 
-class Registry(Mapping[ChallengeId, Registered]):
+class Registry(dict[ChallengeId, Registered]):
     """One thing for each challenge; looking up a challenge that is not there says which are."""
-
-    def __init__(self) -> None:
-        self._registered: dict[ChallengeId, Registered] = {}
 
     def register(self, challenge_id: ChallengeId, thing: Registered) -> None:
         """Add the thing of a challenge.
@@ -579,19 +576,13 @@ class Registry(Mapping[ChallengeId, Registered]):
         """
         if challenge_id in self:
             raise ValueError(f"the challenge {challenge_id} is registered already")
-        self._registered[challenge_id] = thing
+        self[challenge_id] = thing
 
     def __getitem__(self, challenge_id: str) -> Registered:
         try:
-            return self._registered[ChallengeId(challenge_id)]
+            return super().__getitem__(ChallengeId(challenge_id))
         except KeyError:
             raise UnknownChallengeError(challenge_id, self) from None
-
-    def __iter__(self) -> Iterator[ChallengeId]:
-        return iter(self._registered)
-
-    def __len__(self) -> int:
-        return len(self._registered)
 
 
 CHALLENGES: Registry[Challenge] = Registry()

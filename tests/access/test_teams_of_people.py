@@ -249,7 +249,7 @@ def test_a_removed_member_is_out_at_once(
     assert ada.get("/my").status_code == 200
     assert "You are out of Alpha at once" in ada.get("/my/team").text
     keeper = browse(site, who="alpha")
-    ada.post("/my/tokens", {"name": "kept", "scope": "submit", "days": ""}, page="/my/tokens")
+    ada.post("/my/tokens", {"name": "kept", "scopes": "submit", "days": ""}, page="/my/tokens")
     asked = keeper.get("/my/team").text.split('<details class="danger">')[1]
     assert '<a href="/my/notices">addresses</a> are told as before' in " ".join(asked.split())
     assert "Ada Example is out of Alpha at once" in asked

@@ -10,7 +10,9 @@ from tests.chaos.saboteur import VISIBILITY_S, VISIBILITY_TIMEOUT
 from tests.chaos.topology import LEASE_S, MAX_ATTEMPTS, PATIENT
 
 from exceptiondrive_records.operations.overview import overview
+from exceptiondrive_records.submissions.submissions import submission_page
 from exceptiondrive_records.work.tables import WorkState
+from exceptiondrive_schemas.api.submission import SubmissionStatus
 
 _DRAINS_WITHIN_S = 10.0
 _DELIVERS_AGAIN = "hget"
@@ -143,7 +145,8 @@ def poison(run: Run) -> str:
     others = [call for call in run.calls_since(start_s) if call.file_digest != poisoned.file_digest]
     cost = sum(call.team == "alpha" and call.is_accepted for call in others)
     with run.topology.database.read() as session:
-        told = {row.id for row in overview(session).failed}
+        listed, _ = submission_page(session, status=SubmissionStatus.FAILED, limit=50)
+        told = {row.id for row in listed if overview(session).n_failed}
     assert run.failure_of(poisoned) == "attempts_exhausted"
     assert run.job_of(poisoned).state is WorkState.DEAD
     assert run.job_of(poisoned).attempts == MAX_ATTEMPTS

@@ -9,7 +9,8 @@ import pytest
 from tests.chaos.run import Run
 from tests.chaos.suite import FAULTS, Fault, On, run_fault, running
 
-from exceptiondrive_server.launcher.broker import NoBrokerError, find_broker_binary
+from exceptiondrive_server.launcher.broker import find_broker_binary
+from exceptiondrive_server.launcher.child import LaunchError
 
 
 def faults_on(on: On, *, after: str = "", to: str = "G", last: Sequence[str] = ()) -> list[object]:
@@ -26,7 +27,7 @@ def started(on: On) -> Iterator[Run | None]:
     """Start one system for all of its faults: after each it must be as good as before."""
     try:
         find_broker_binary()
-    except NoBrokerError as error:
+    except LaunchError as error:
         pytest.skip(str(error))
     with running(on, is_short=True) as run:
         yield run

@@ -74,7 +74,7 @@ class Broker:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         folder.mkdir(mode=0o700)
-        self._command = broker_command(find_broker_binary().path, folder)
+        self._command = broker_command(find_broker_binary(), folder)
         self.start()
 
     def start(self) -> None:

@@ -27,7 +27,8 @@ from exceptiondrive_schemas.api.phase_report import PhaseReport
 from exceptiondrive_schemas.base import Document, content_digest
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.challenges import ChallengeId
-from exceptiondrive_schemas.publish.examples import EXAMPLES
+from exceptiondrive_schemas.publish.examples import MODELS
+from exceptiondrive_schemas.published import example_text
 from exceptiondrive_server.app import create_app
 from exceptiondrive_server.web.settings import ServerSettings
 
@@ -157,7 +158,9 @@ def documented() -> dict[str, dict[str, Any]]:
 @functools.cache
 def documented_answers() -> tuple[tuple[str, type[Document], dict[str, Any], Any], ...]:
     """Name, document, schema and a value of each."""
-    examples = {type(example): example for example in (make() for make in EXAMPLES.values())}
+    examples = {
+        model: model.model_validate_json(example_text(name)) for name, model in MODELS.items()
+    }
     known = documents()
     return tuple(
         (name, known[name], schema, made(schema) if example is None else _said(example))
@@ -294,8 +297,7 @@ def test_of_a_challenge_that_came_later_programs_get_everything(
     canned_server: "CannedServer",
 ) -> None:
     """People are told to take a newer client: words and columns of the challenge are not known here."""
-    board = EXAMPLES["board"]()
-    assert isinstance(board, Board)
+    board = Board.model_validate_json(example_text("board"))
     ended = PhaseReport(
         phase="dev",
         title="Development",

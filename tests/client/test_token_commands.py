@@ -60,14 +60,14 @@ def test_a_revoked_token_leaves_behind_what_it_made(running: "Running", keeper: 
     door_id = door.split("_")[2]
     revoked = tokens(running, keeper, "revoke", lost.split("_")[2])
     assert revoked.exit_code == 0, revoked.output
-    assert "revoke these too, unless they are to stay" in revoked.stderr
-    assert f"{door_id}  door  (edk_s_{door_id}, made by lost (" in revoked.stderr
+    assert "revoke these too, unless they are to stay" in revoked.stdout
+    assert f"{door_id}  door  (edk_s_{door_id}, made by lost (" in revoked.stdout
     environment = {
         "EXCEPTIONDRIVE_SERVER": running.url,
         "EXCEPTIONDRIVE_TOKEN": running.organizer_token,
     }
     words = ["organizer", "teams", "revoke-token", keeper.split("_")[2]]
-    assert f"{door_id}  door" in CliRunner().invoke(app, words, env=environment).stderr
+    assert f"{door_id}  door" in CliRunner().invoke(app, words, env=environment).stdout
 
 
 def test_a_token_without_the_scope_is_told_which_it_needs(running: "Running") -> None:

@@ -151,7 +151,7 @@ def test_the_broker_starts_with_composes_own_words_and_takes_the_password(
     _, config, *options = compose["services"]["broker"]["command"]
     assert Path(config).name == "broker_acl_conf"
     port = free_port()
-    command = [str(find_broker_binary().path), str(folder / "broker.conf"), *options]
+    command = [str(find_broker_binary()), str(folder / "broker.conf"), *options]
     url = make_url((folder / "broker_url").read_text())
     with subprocess.Popen(
         [*command, "--port", str(port), "--bind", "127.0.0.1"],

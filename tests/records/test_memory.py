@@ -27,7 +27,7 @@ def test_what_is_heavier_than_the_room_is_kept_alone_until_the_next() -> None:
     assert memory.keep("b", "large", 11) == "large"
     assert (memory.get("a"), memory.get("b"), memory.weight) == (None, "large", 11)
     memory.keep("c", "C", 1)
-    assert (memory.get("b"), len(memory), memory.weight) == (None, 1, 1)
+    assert (memory.get("b"), memory.get("c"), memory.weight) == (None, "C", 1)
 
 
 def test_room_is_made_before_what_takes_it() -> None:
@@ -37,4 +37,4 @@ def test_room_is_made_before_what_takes_it() -> None:
     memory.make_room(4)
     assert ([memory.get(key) for key in "abc"], memory.weight) == ([None, "B", "C"], 6)
     memory.make_room(11)
-    assert (len(memory), memory.weight) == (0, 0)
+    assert ([memory.get(key) for key in "bc"], memory.weight) == ([None, None], 0)

@@ -166,8 +166,8 @@ def test_a_disqualified_team_stands_nowhere_and_submits_nothing(world: World) ->
     assert world.standing() == other.standing() == {}
 
 
-def test_who_is_reinstated_is_told_what_stays_disqualified(world: World) -> None:
-    one, two = world.scored("one", "Planner"), world.scored("two", "Planner")
+def test_who_is_reinstated_stands_again_unless_another_disqualification_lasts(world: World) -> None:
+    one, two = world.scored("one", "Planner"), world.scored("two", "Other")
     with world.database.write() as session:
         entry = disqualify_submission(session, one, **WHY).id
         disqualify_submission(session, two, **WHY)
@@ -175,16 +175,13 @@ def test_who_is_reinstated_is_told_what_stays_disqualified(world: World) -> None
         everywhere = disqualify_team(session, "alpha", **WHY).id
         reinstate(session, entry, **WHY)
     assert last_words(world) == (
-        "Your team Alpha stays disqualified in all phases.",
-        "Your team Alpha stays disqualified in Development.",
+        "What was scored stands on the next board, unless another disqualification lasts.",
     )
+    assert world.standing() == {}
     with world.database.write() as session:
         reinstate(session, everywhere, **WHY)
         reinstate(session, here, **WHY)
-    assert last_words(world) == (
-        "Your entry Planner stays disqualified in Development.",
-        "What else was scored stands on the next board.",
-    )
+    assert list(world.standing()) == [one]
 
 
 def test_notes_of_an_anonymous_phase_join_with_no_other_by_phase_or_time(world: World) -> None:

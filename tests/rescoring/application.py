@@ -88,8 +88,10 @@ class Visitor:
         headers = {"Accept": "text/html", "Origin": SITE}
         return self.client.post(path, data=form, headers=headers, **more)
 
-    def step(self, run_id: str, step: str, **data: str) -> Any:
-        return self.post(f"{RUNS}/{run_id}/{step}", {"reason": "because", **data})
+    def step(self, run_id: str, step: str, preview: str = "", reason: str = "because") -> Any:
+        """Send the form of a step to the address of its page, as browsers do."""
+        address = f"{RUNS}/{run_id}/{step}" + (f"?preview={preview}" if preview else "")
+        return self.post(address, {"reason": reason})
 
     def document(self, toml: str, do: str, **more: Any) -> Any:
         return self.post("/organize/protocols/new", {"toml": toml, "do": do}, **more)

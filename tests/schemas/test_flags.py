@@ -21,7 +21,7 @@ from exceptiondrive_schemas.protocol import (
     packaged_protocol_toml,
     parse_protocol,
 )
-from exceptiondrive_schemas.publish.examples import example_board
+from exceptiondrive_schemas.published import example_text
 from exceptiondrive_schemas.score_sheet import Coverage, Flag
 from exceptiondrive_schemas.split import Manifest
 
@@ -154,7 +154,7 @@ def test_a_flag_and_a_challenge_of_a_newer_server_are_read_and_such_a_flag_bars_
 
 def ranked(*entries: tuple[int | None, tuple[str, ...]]) -> Board:
     """A board of entries, each with its rank and its flags."""
-    board = example_board()
+    board = Board.model_validate_json(example_text("board"))
     rows = tuple(
         board.entries[0].model_copy(
             update={

@@ -8,16 +8,20 @@ from typing import Any
 import jsonschema
 import pytest
 
+from exceptiondrive_schemas.api.submission import SubmissionView
+from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.check import MAX_INFLATED_BYTES, MAX_UPLOAD_BYTES, check
 from exceptiondrive_schemas.check.json_stream import MAX_VALUE_CHARACTERS
 from exceptiondrive_schemas.faults import CheckReport, FaultCode
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.publish.broken_files import BROKEN_FILES, report_of
-from exceptiondrive_schemas.publish.examples import EXAMPLES
+from exceptiondrive_schemas.publish.examples import MODELS
 from exceptiondrive_schemas.publish.written_files import written_files
 from exceptiondrive_schemas.published import DOCUMENT_NAMES, example_text, schema_text
+from exceptiondrive_schemas.score_sheet import ProtocolRef, ScoreSheet
 from exceptiondrive_schemas.split import Manifest, Split
+from exceptiondrive_schemas.submission_files import PlanningSubmission
 from exceptiondrive_scoring.arrays import split_arrays
 from exceptiondrive_scoring.challenge import document_columns, scoring_of
 from exceptiondrive_scoring.sheet import aggregate
@@ -40,8 +44,7 @@ def test_no_other_file_lies_among_the_generated_ones() -> None:
 
 @pytest.mark.parametrize("name", DOCUMENT_NAMES)
 def test_an_example_is_valid_for_its_model_and_its_json_schema(name: str) -> None:
-    document = type(EXAMPLES[name]()).model_validate_json(example_text(name))
-    assert document == EXAMPLES[name]()
+    MODELS[name].model_validate_json(example_text(name))
     schema = json.loads(schema_text(name))
     jsonschema.Draft202012Validator.check_schema(schema)
     jsonschema.validate(json.loads(example_text(name)), schema)
@@ -64,11 +67,24 @@ def test_a_json_schema_of_an_answer_lets_it_gain_fields(name: str) -> None:
 def test_the_examples_are_about_one_split(protocol: ProtocolDocument) -> None:
     split = Split.model_validate_json(example_text("split"))
     manifest = Manifest.model_validate_json(example_text("manifest"))
-    assert manifest.ref.revision == split.revision
-    assert manifest.sample_ids == tuple(sample.sample_id for sample in split.samples)
+    assert manifest == Manifest.of(split, protocol.geometry)
     for name in ("planning", "strategy"):
         data = example_text(name).encode()
         assert check(data, protocol=protocol, manifest=manifest).report.is_valid
+    assert ProtocolDocument.model_validate_json(example_text("protocol")) == protocol
+    sheet = ScoreSheet.model_validate_json(example_text("score-sheet"))
+    board = Board.model_validate_json(example_text("board"))
+    of_split = {(it.split, it.protocol) for it in (sheet, board)}
+    assert of_split == {(split.ref, ProtocolRef.of(protocol))}
+    submission = SubmissionView.model_validate_json(example_text("submission"))
+    assert submission.report is not None
+    sent = PlanningSubmission.model_validate_json(example_text("planning"))
+    data = sent.model_dump_json(by_alias=True, exclude_unset=True).encode()
+    assert submission.report == check(data, protocol=protocol, manifest=manifest).report
+    assert submission.file_digest == submission.report.digest
+    assert (submission.sheet, submission.id) == (sheet, board.entries[0].submission_id)
+    report = CheckReport.model_validate_json(example_text("check-report"))
+    assert report == report_of(FaultCode.UNKNOWN_SAMPLE)
 
 
 @pytest.mark.parametrize("entry", [0, 1])

@@ -180,20 +180,6 @@ def test_the_ends_of_the_calendar_are_dates_too(api_on_both: "Api", as_of: str) 
     assert response.status_code == 404
 
 
-@pytest.mark.parametrize(
-    "as_of", ["yesterday", "2026-13-01", "2026-11-21;", "1", "9999-12-31T23:00:00-09:00"]
-)
-def test_a_date_that_is_none_is_named(lively: "Api", as_problem: Problem, as_of: str) -> None:
-    problem = as_problem(lively.get("/leaderboard", params={"as_of": as_of}), 400, "bad_request")
-    assert all(name.startswith("as_of") for name in problem["fields"])
-    assert as_of not in problem["detail"]
-
-
-def test_a_date_and_a_protocol_together_are_refused(lively: "Api", as_problem: Problem) -> None:
-    response = lively.get("/leaderboard?as_of=2026-11-21&protocol=1.0")
-    assert list(as_problem(response, 400, "bad_request")["fields"]) == ["as_of"]
-
-
 def test_every_board_keeps_its_address(
     lively: "Api", make_entry: MakeEntry, as_problem: Problem
 ) -> None:

@@ -124,9 +124,15 @@ def test_the_overview_names_what_waits(api: "Api", organizer: "TeamBrowser") -> 
         beat(session, "worker-7")
     page = organizer.get("/organize").text
     assert "No worker is alive" not in page
-    for words in ("1 submission failed", "1 team waits", "worker-7", "store_broken", "New Comers"):
+    assert "worker-7" in page
+    for words, link, named in (
+        ("1 submission failed", "/organize/submissions?status=failed", "store_broken"),
+        ("1 team waits", "/organize/teams?show=pending", "New Comers"),
+    ):
         assert words in page
-    assert "<b>new</b>" not in page
+        assert f'href="{link}"' in page
+        assert named in organizer.get(link).text
+        assert "<b>new</b>" not in organizer.get(link).text
 
 
 def test_the_overview_lists_the_worst_first_and_what_may_stand_for_a_season_last(
@@ -269,7 +275,7 @@ def test_the_log_is_narrowed_to_a_kind_from_a_day_on(
     monkeypatch.setattr("exceptiondrive_server.audit.organizer_pages.SHOWN", 1)
     today = api.get("/organizer/audit?limit=1", "organizer").json()[0]["at"][:10]
     shown = organizer.get(f"/organize/audit?action=team+created&since={today}").text
-    assert "<option selected>team created</option>" in shown
+    assert '<option value="team created" selected>' in shown
     assert f'name="since" value="{today}"' in shown
     days = organizer.get(f"/organize/audit?since={today}").text
     assert f"since={today}&amp;before=" in days

@@ -79,7 +79,7 @@ def test_a_team_is_made_gets_a_token_once_and_loses_it(
     none = organizer.post(f"{here}/tokens", {"name": "desk"}, page=here)
     words = "The token may do nothing yet: tick at least one of submit, read:own, tokens."
     assert (none.status_code, words in none.text) == (400, True)
-    issued = organizer.post(f"{here}/tokens", {"name": "desk", "may_1": "yes"}, page=here)
+    issued = organizer.post(f"{here}/tokens", {"name": "desk", "scopes": "read:own"}, page=here)
     text = re.search(r"edk_s_[0-9A-Za-z_]{40,}", issued.text)
     assert text is not None
     assert issued.headers["cache-control"] == "no-store"

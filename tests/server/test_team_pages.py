@@ -46,7 +46,7 @@ REPORT = CheckReport(
                     sample_id="s3",
                     expected="6 waypoints",
                     got="<b>5</b>",
-                    hint="cut the horizon",
+                    hint="cut the horizon: `convert --truncate`",
                 ),
             ),
         ),
@@ -342,10 +342,11 @@ def test_the_page_of_a_rejected_file_lists_its_faults_safely(
     api: "Api", alpha: "TeamBrowser"
 ) -> None:
     submission_id = api.submit("a").json()["id"]
-    api.reject(submission_id, REPORT)
+    api.reject(submission_id, REPORT.model_copy(update={"profile": FileProfile()}))
     page = alpha.get(f"/submissions/{submission_id}").text
+    assert "What the file looks like" not in page, "of no whole trajectory there is nothing to say"
     for words in ("1,234 faults", "wrong_waypoint_count", "$.predictions[2].edited", "6 waypoints",
-                  "cut the horizon", "&lt;b&gt;5&lt;/b&gt;", "1,233 more of this kind",
+                  "cut the horizon: <code>convert --truncate</code>", "&lt;b&gt;5&lt;/b&gt;", "1,233 more of this kind",
                   "No quota was spent; of a team, at most"):  # fmt: skip
         assert words in page, words
     assert "<b>5</b>" not in page

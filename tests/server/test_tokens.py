@@ -145,7 +145,7 @@ def test_a_token_that_makes_no_sense_is_refused(
 
 def test_the_page_issues_a_token_and_shows_it_once(api: "Api", browse: Open) -> None:
     browser = browse(api, who="alpha")
-    form = {"name": "cluster <1>", "scope": ["submit", "read:own"], "days": "30"}
+    form = {"name": "cluster <1>", "scopes": ["submit", "read:own"], "days": "30"}
     page = browser.post("/my/tokens", form, page="/my/tokens")
     assert page.status_code == 200
     assert page.headers["cache-control"] == "no-store"
@@ -174,7 +174,7 @@ def test_the_page_rotates_and_revokes(api: "Api", browse: Open) -> None:
 @pytest.mark.parametrize("days", ["-1", "1e3", "x", "99999", "٣"])
 def test_days_on_the_page_are_a_plain_number(api: "Api", browse: Open, days: str) -> None:
     browser = browse(api, who="alpha")
-    form = {"name": "x", "scope": "submit", "days": days}
+    form = {"name": "x", "scopes": "submit", "days": days}
     assert browser.post("/my/tokens", form, page="/my/tokens").status_code == 400
 
 
@@ -183,7 +183,7 @@ def test_the_page_takes_a_number_of_days_that_can_be_meant(
     api: "Api", browse: Open, days: str
 ) -> None:
     browser = browse(api, who="alpha")
-    form = {"name": "cluster", "scope": ["submit"], "days": days}
+    form = {"name": "cluster", "scopes": ["submit"], "days": days}
     assert browser.post("/my/tokens", form, page="/my/tokens").status_code == 400
 
 

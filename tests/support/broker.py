@@ -13,7 +13,6 @@ import redis
 from tests.canary.watch import BrokerWatch
 
 from exceptiondrive_server.launcher.broker import (
-    NoBrokerError,
     broker_command,
     find_broker_binary,
     socket_path,
@@ -21,6 +20,7 @@ from exceptiondrive_server.launcher.broker import (
 from exceptiondrive_server.launcher.broker import (
     broker_url as url_of_broker,
 )
+from exceptiondrive_server.launcher.child import LaunchError
 
 
 class PrivateBroker:
@@ -70,10 +70,10 @@ def broker() -> Iterator[PrivateBroker]:
     """A private Valkey or Redis, started for this test."""
     try:
         binary = find_broker_binary()
-    except NoBrokerError as error:
+    except LaunchError as error:
         pytest.skip(str(error))
     folder = Path(tempfile.mkdtemp(prefix="ed-br-"))
-    running = PrivateBroker(folder, broker_command(binary.path, folder))
+    running = PrivateBroker(folder, broker_command(binary, folder))
     yield running
     running.kill()
     shutil.rmtree(folder, ignore_errors=True)

@@ -126,20 +126,16 @@ def rotate_token(
         say(f"the old token {token_id} {until}")
 
 
-def revoke_token(
-    token_id: TokenId, server: options.Server = None, json: options.Json = False
-) -> None:
+@with_tokens
+def revoke_token(tokens: TeamTokens, token_id: TokenId) -> Answer:
     """Revoke a token of your team for good."""
-    with _tokens(server) as tokens:
-        token = tokens.revoke(token_id)
-    show_revoked(token, json)
+    return revoked(tokens.revoke(token_id))
 
 
-def show_revoked(token: Record, json: bool) -> None:
-    """Say that a token is revoked, and which that were made with it work on."""
-    show_result(token, json, f"token {token['id']} revoked")
-    for line in () if json else left_words("what was made with it works on", token):
-        say(line)
+def revoked(token: Record) -> Answer:
+    """Return that a token is revoked, and which that were made with it work on."""
+    left = left_words("what was made with it works on", token)
+    return token, f"token {token['id']} revoked", *left
 
 
 def left_words(what: str, told: Record) -> list[str]:

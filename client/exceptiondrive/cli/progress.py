@@ -3,12 +3,8 @@
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from threading import Timer
-from typing import TYPE_CHECKING
 
 from exceptiondrive.cli.output import console, has_terminal
-
-if TYPE_CHECKING:
-    from exceptiondrive_schemas.api.submission import SubmissionView
 
 STEPS_AFTER_S = 1.0
 """From when on steps are told: what is quick says nothing."""
@@ -59,16 +55,17 @@ def transfer_bar(doing: str, name: str) -> Iterator[Callable[[int, int], None]]:
 
 
 @contextmanager
-def step_line(*, is_shown: bool) -> Iterator[Callable[[str], None]]:
+def step_line(*, is_shown: bool = True) -> Iterator[Callable[[str], None]]:
     """Give what says the next step in a line, which says for how long all of them have gone on."""
     if not (is_shown and has_terminal()):
         yield lambda step: None
         return
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+    from rich.table import Column
 
     line = Progress(
         SpinnerColumn(),
-        TextColumn("{task.description}"),
+        TextColumn("{task.description}", markup=False, table_column=Column()),  # whole, folded
         TimeElapsedColumn(),
         console=console(stderr=True),
         transient=True,
@@ -82,17 +79,3 @@ def step_line(*, is_shown: bool) -> Iterator[Callable[[str], None]]:
         later.cancel()
         later.join()
         line.stop()
-
-
-@contextmanager
-def wait_line(view: "SubmissionView") -> Iterator[Callable[["SubmissionView"], None]]:
-    """Give what says in a line where a submission stands now."""
-    if not has_terminal():
-        yield lambda view: None
-        return
-    from rich.status import Status
-
-    from exceptiondrive.cli.tables import status_line
-
-    with Status(f"{view.id}  {status_line(view)}", console=console(stderr=True)) as status:
-        yield lambda view: status.update(f"{view.id}  {status_line(view)}")

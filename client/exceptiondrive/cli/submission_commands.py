@@ -22,12 +22,13 @@ from exceptiondrive.cli.output import (
     show_json,
     upload_name,
 )
-from exceptiondrive.cli.progress import transfer_bar, wait_line
+from exceptiondrive.cli.progress import step_line, transfer_bar
 from exceptiondrive.cli.session import open_client, with_client
 from exceptiondrive.cli.tables import (
     edits_table,
     outlook_view,
     quota_table,
+    status_line,
     submission_view,
     submissions_left,
     submissions_view,
@@ -149,8 +150,13 @@ def submit(
 def _wait(submission: "Submission", timeout: float | None) -> None:
     """Wait for the end of a submission; who interrupts it reads that it goes on, and where."""
     try:
-        with wait_line(submission.view) as line:
-            submission.wait(timeout, on_change=line)
+        with step_line() as tell:
+
+            def say_where(view: SubmissionView) -> None:
+                tell(f"{view.id}  {status_line(view)}")
+
+            say_where(submission.view)
+            submission.wait(timeout, on_change=say_where)
     except KeyboardInterrupt:
         say(f"Submission {submission.id} is no longer waited for.")
         say(IT_IS_SAFE.format(submission.id))

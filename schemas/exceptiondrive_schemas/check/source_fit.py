@@ -31,11 +31,11 @@ from exceptiondrive_schemas.check.tracks import Column, PairTracks, Steps, Track
 from exceptiondrive_schemas.check.transformations import (
     EXCHANGE,
     MIRROR,
+    SPATIAL,
     Compared,
     Points,
     Transformation,
     of_source,
-    of_space,
     of_time,
     scaled,
 )
@@ -241,21 +241,14 @@ def _best_mend(
     error = _error(as_is)
     if n_given is not None:
         return _best_of(tried, error, of_time(geometry, n_given))
-    if error <= FITS:
-        transformations = [EXCHANGE]
-    else:
-        transformations = [
-            *of_time(geometry, geometry.waypoints),
-            *of_space(),
-        ]
-    best = _best_of(tried, error, transformations, FITS_BETTER)
-    if best is not None:
-        return best
-    offset = _offset_mend(compared) or _offset_of_moving(tried, error)
-    if offset is not None:
-        return offset
+    transformations = [EXCHANGE]
+    if error > FITS:
+        transformations = [*of_time(geometry, geometry.waypoints), *SPATIAL, EXCHANGE]
     return (
-        _scale_mend(tried, error)
+        _best_of(tried, error, transformations, FITS_BETTER)
+        or _offset_mend(compared)
+        or _offset_of_moving(tried, error)
+        or _scale_mend(tried, error)
         or _lead_mend(tried, error, geometry)
         or (_sideways_mend(moving) if error <= FITS else None)
     )
@@ -354,13 +347,11 @@ def _sideways_mend(moving: Sequence[Compared]) -> Mend | None:
     mended = statistics.median(abs(y_m + driven_m) for y_m, driven_m in ends) / scale_m
     if mended > MIRROR_FITS or error <= MIRROR_FITS_BETTER * mended:
         return None
-    looks_like, option, change = MIRROR
     rows = [
         (abs((y_m - driven_m) / driven_m), abs((y_m + driven_m) / driven_m))
         for y_m, driven_m in ends
     ]
-    named = Transformation(looks_like, option, partial(of_source, change))
-    mend = _whole_or_part(named, error, mended, rows)
+    mend = _whole_or_part(MIRROR, error, mended, rows)
     return mend.model_copy(update={"is_sideways": True})
 
 
@@ -402,12 +393,10 @@ def _offset_mend(compared: Sequence[Compared]) -> Mend | None:
     )
     if abs(offset_m) < OFFSET_ABOVE_M or (are_alike or 0.0) < FROM_ORIGIN:
         return None
+    shifted = _ahead(offset_m)
     return Mend(
-        looks_like=(
-            f"waypoints of a point {offset_m:.2f} m ahead of the rear axle: there begin those of "
-            "cars that stand"
-        ),
-        convert_option=f"--origin-offset-m {-offset_m:.2f} --follows rear-axle",
+        looks_like=f"{shifted.looks_like}: there begin those of cars that stand",
+        convert_option=shifted.option,
     )
 
 
@@ -419,15 +408,14 @@ def _offset_of_moving(tried: Sequence[Compared], error: float) -> Mend | None:
     offset_m = statistics.median(gaps_m)
     if abs(offset_m) < OFFSET_ABOVE_M:
         return None
-    shifted = [([(x - offset_m, y) for x, y in each.source], each.recorded) for each in tried]
-    mended_error = _error(shifted)
-    if mended_error > min(FITS, error / FITS_BETTER):
-        return None
-    return Mend(
-        looks_like=f"waypoints of a point {offset_m:.2f} m ahead of the rear axle",
-        convert_option=f"--origin-offset-m {-offset_m:.2f} --follows rear-axle",
-        error=error,
-        mended_error=mended_error,
+    return _best_of(tried, error, [_ahead(offset_m)], FITS_BETTER)
+
+
+def _ahead(offset_m: float) -> Transformation:
+    return of_source(
+        f"waypoints of a point {offset_m:.2f} m ahead of the rear axle",
+        f"--origin-offset-m {-offset_m:.2f} --follows rear-axle",
+        lambda points: [(x - offset_m, y) for x, y in points],
     )
 
 
@@ -437,16 +425,13 @@ def _scale_mend(tried: Sequence[Compared], error: float) -> Mend | None:
     factor = statistics.median(shares)
     if factor == 0 or NO_PACE <= factor <= 1 / NO_PACE:
         return None
-    mended_error = _error([(scaled(each.source, 1 / factor), each.recorded) for each in tried])
-    if mended_error > min(FITS, error / FITS_BETTER):
-        return None
-    return Mend(
-        looks_like=f"positions {factor:.2g} times as far as the recorded ones, as normalised ones are",
-        convert_option=None,
-        error=error,
-        mended_error=mended_error,
-        by_hand=f"write metres, {1 / factor:.2g} times as much",
+    normalised = of_source(
+        f"positions {factor:.2g} times as far as the recorded ones, as normalised ones are",
+        None,
+        partial(scaled, factor=1 / factor),
+        f"write metres, {1 / factor:.2g} times as much",
     )
+    return _best_of(tried, error, [normalised], FITS_BETTER)
 
 
 def _lead_mend(tried: Sequence[Compared], error: float, geometry: GeometrySection) -> Mend | None:
@@ -458,17 +443,14 @@ def _lead_mend(tried: Sequence[Compared], error: float, geometry: GeometrySectio
     ]
     if not steps or statistics.median(steps) < FIRST_STEPS_LONGER:
         return None
-    mended_error = _error([(each.source[:-1], each.recorded[1:]) for each in tried])
-    if mended_error > FITS or error <= LEAD_FITS_BETTER * mended_error:
-        return None
     step_s = geometry.time_step_s
-    return Mend(
-        looks_like=f"waypoints from {2 * step_s:g} s on (the one at {step_s:g} s is missing)",
-        convert_option=None,
-        error=error,
-        mended_error=mended_error,
-        by_hand=f"write the waypoint at {step_s:g} s first",
+    late = Transformation(
+        f"waypoints from {2 * step_s:g} s on (the one at {step_s:g} s is missing)",
+        None,
+        lambda each: (each.source[:-1], each.recorded[1:]),
+        f"write the waypoint at {step_s:g} s first",
     )
+    return _best_of(tried, error, [late], LEAD_FITS_BETTER)
 
 
 def _row_mend(

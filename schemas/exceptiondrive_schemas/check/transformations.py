@@ -113,9 +113,16 @@ def at_times(points: Points, time_step_s: float, times_s: Sequence[float]) -> li
     return found
 
 
-def of_source(change: Callable[[Points], Points], sample: Compared) -> tuple[Points, Points]:
-    """Return the changed source trajectory, and what was recorded."""
-    return change(sample.source), sample.recorded
+def of_source(
+    looks_like: str,
+    option: str | None,
+    change: Callable[[Points], Points],
+    by_hand: str | None = None,
+) -> Transformation:
+    """Return what mends each source trajectory by itself, at the times that it has."""
+    return Transformation(
+        looks_like, option, lambda sample: (change(sample.source), sample.recorded), by_hand
+    )
 
 
 def _exchanged(sample: Compared) -> tuple[Points, Points] | None:
@@ -139,27 +146,24 @@ UNITS_M: Mapping[str, float] = {
     "feet": 0.3048,
 }
 """Units that trajectories come in, other than metres, each in metres."""
-SPATIAL: tuple[tuple[str, str, Callable[[Points], Points]], ...] = (
-    ("mirrored (y to the right)", "--mirror", mirrored),
-    ("x and y exchanged (x left, y forward)", "--swap", swapped),
-    ("x right / y forward", "--rotate -90", partial(rotated, quarter_turns=-1)),
-    ("x left / y backward", "--rotate 90", partial(rotated, quarter_turns=1)),
-    ("x backward / y right", "--rotate 180", partial(rotated, quarter_turns=2)),
-    *((unit, f"--unit {unit}", partial(scaled, factor=metres)) for unit, metres in UNITS_M.items()),
-    ("increments instead of positions", "--cumulative", summed),
-    ("reversed in time", "--reverse", lambda points: points[::-1]),
+SPATIAL: tuple[Transformation, ...] = (
+    of_source("mirrored (y to the right)", "--mirror", mirrored),
+    of_source("x and y exchanged (x left, y forward)", "--swap", swapped),
+    of_source("x right / y forward", "--rotate -90", partial(rotated, quarter_turns=-1)),
+    of_source("x left / y backward", "--rotate 90", partial(rotated, quarter_turns=1)),
+    of_source("x backward / y right", "--rotate 180", partial(rotated, quarter_turns=2)),
+    *(
+        of_source(unit, f"--unit {unit}", partial(scaled, factor=metres))
+        for unit, metres in UNITS_M.items()
+    ),
+    of_source("increments instead of positions", "--cumulative", summed),
+    of_source("reversed in time", "--reverse", lambda points: points[::-1]),
 )
+"""Another frame, unit or meaning of the numbers."""
 TIME_FACTORS = (0.1, 0.2, 0.4, 0.5, 1.0, 2.0, 5.0)
 MIRROR = SPATIAL[0]
 EXCHANGE = Transformation("source and edited exchanged", "--exchange", _exchanged)
 """Where edits are slight, a file fits exchanged, too, and much better as it should be."""
-
-
-def of_space() -> Iterator[Transformation]:
-    """Yield what another frame, unit or meaning of the numbers would be."""
-    for looks_like, option, change in SPATIAL:
-        yield Transformation(looks_like, option, partial(of_source, change))
-    yield EXCHANGE
 
 
 def of_time(geometry: GeometrySection, n_given: int) -> Iterator[Transformation]:

@@ -8,18 +8,12 @@ import json
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from exceptiondrive_schemas.base import Document
 from exceptiondrive_schemas.check import check
 from exceptiondrive_schemas.check.fault_list import MAX_FAULTS
 from exceptiondrive_schemas.faults import MAX_EXAMPLES, MESSAGES, CheckReport, FaultCode
 from exceptiondrive_schemas.protocol import packaged_protocol
-from exceptiondrive_schemas.publish.example_split import (
-    STEADY,
-    example_manifest,
-    example_planning,
-    example_strategy,
-    indented,
-)
+from exceptiondrive_schemas.publish.examples import indented
+from exceptiondrive_schemas.published import example_text
 from exceptiondrive_schemas.split import Manifest
 
 MAX_UPLOAD_BYTES, MAX_INFLATED_BYTES = 10_000, 100_000
@@ -27,12 +21,16 @@ MAX_UPLOAD_BYTES, MAX_INFLATED_BYTES = 10_000, 100_000
 N_MOVING = 20
 
 
-def file_bytes(document: Document) -> bytes:
-    """Return a document as a file."""
-    return document.model_dump_json(by_alias=True, exclude_unset=True).encode()
+def _example_file(name: str) -> bytes:
+    return json.dumps(json.loads(example_text(name)), separators=(",", ":")).encode()
 
 
-PLANNING, STRATEGY = file_bytes(example_planning()), file_bytes(example_strategy())
+PLANNING, STRATEGY = _example_file("planning"), _example_file("strategy")
+MANIFEST = Manifest.model_validate_json(example_text("manifest"))
+MANIFEST_OF_MOVING = MANIFEST.model_copy(
+    update={"sample_ids": tuple(f"example-{number:04}" for number in range(1, N_MOVING + 1))}
+)
+"""Of enough samples for the frame check."""
 
 
 def _planning(old: bytes, new: bytes) -> Callable[[], bytes]:
@@ -44,19 +42,13 @@ def _strategy(old: bytes, new: bytes) -> Callable[[], bytes]:
 
 
 def _in_wrong_frame() -> bytes:
-    turned = [[-y_m, x_m] for x_m, y_m in STEADY]
+    document = json.loads(PLANNING)
+    turned = [[-y_m, x_m] for x_m, y_m in document["predictions"][0]["source"]]
     predictions = [
         {"sample_id": sample_id, "source": turned, "edited": turned}
-        for sample_id in frame_manifest().sample_ids
+        for sample_id in MANIFEST_OF_MOVING.sample_ids
     ]
-    document = json.loads(PLANNING)
     return json.dumps({**document, "predictions": predictions}).encode()
-
-
-def frame_manifest() -> Manifest:
-    """A split with enough samples for the frame check."""
-    sample_ids = tuple(f"example-{number:04}" for number in range(1, N_MOVING + 1))
-    return example_manifest().model_copy(update={"sample_ids": sample_ids})
 
 
 def _first_prediction_twice() -> bytes:
@@ -104,7 +96,7 @@ BROKEN_FILES: Mapping[FaultCode, Callable[[], bytes]] = {
 
 def report_of(code: FaultCode) -> CheckReport:
     """Return the report of the file that is broken in this way."""
-    manifest = frame_manifest() if code is FaultCode.WRONG_FRAME else example_manifest()
+    manifest = MANIFEST_OF_MOVING if code is FaultCode.WRONG_FRAME else MANIFEST
     is_small = code in (FaultCode.FILE_TOO_LARGE, FaultCode.INFLATES_TOO_LARGE)
     limits: dict[str, Any] = (
         {"max_upload_bytes": MAX_UPLOAD_BYTES, "max_inflated_bytes": MAX_INFLATED_BYTES}

@@ -7,18 +7,18 @@ from exceptiondrive_schemas.api.form_fields import FormField, fields_of
 from exceptiondrive_schemas.api.phase_settings import PhaseSettings
 from exceptiondrive_schemas.field_words import add_field_words, let_gain_fields
 from exceptiondrive_schemas.publish.broken_files import errors_page
-from exceptiondrive_schemas.publish.examples import EXAMPLES, example_json
+from exceptiondrive_schemas.publish.examples import MODELS, example_json
 
 WRITTEN_BY_SERVER = frozenset({"score-sheet", "board", "submission", "check-report", "problem"})
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
 
 def json_schema(name: str) -> dict[str, Any]:
-    """Return the JSON Schema of the class of an example, as it is written or as it is read."""
+    """Return the JSON Schema of a document, as it is written or as it is read."""
     mode: Literal["serialization", "validation"] = (
         "serialization" if name in WRITTEN_BY_SERVER else "validation"
     )
-    model = type(EXAMPLES[name]())
+    model = MODELS[name]
     schema = model.model_json_schema(by_alias=True, mode=mode)
     parts = {model.__name__: schema, **schema.get("$defs", {})}
     add_field_words(parts)
@@ -84,8 +84,8 @@ PACKAGE_DATA = "schemas/exceptiondrive_schemas/published"
 
 def written_files() -> dict[str, str]:
     """Return path, relative to the repository, and text of every generated file."""
-    texts = {f"examples/{name}.json": example_json(name) for name in EXAMPLES}
-    for name in EXAMPLES:
+    texts = {f"examples/{name}.json": example_json(name) for name in MODELS}
+    for name in MODELS:
         schema = json.dumps(json_schema(name), indent=2, ensure_ascii=False)
         texts[f"schemas/{name}.json"] = schema + "\n"
     files = {f"{PACKAGE_DATA}/{path}": text for path, text in texts.items()}

@@ -33,23 +33,25 @@ def keys_of(address: str, token_text: str) -> dict[str, int]:
     Digests: an address is not read at a glance, but found by whoever tries all there are. They go with
     the first sign-in that succeeds after their quarter of an hour.
     """
+    limits = {_key(f"address {address}"): PER_ADDRESS}
     parts = token_text.split("_")
-    token_id = parts[2] if len(parts) == 5 else ""
-    named = {f"address {address}": PER_ADDRESS, f"token {token_id[:16]}": PER_TOKEN_ID}
-    if not token_id:
-        named.popitem()
-    return {hashlib.sha256(name.encode()).hexdigest(): limit for name, limit in named.items()}
+    if len(parts) == 5 and parts[2]:
+        limits[_key(f"token {parts[2][:16]}")] = PER_TOKEN_ID
+    return limits
 
 
 def start_keys_of(address: str) -> dict[str, int]:
     """Return under which key the beginning of a sign-in at a provider counts, with its limit."""
-    return {hashlib.sha256(f"start {address}".encode()).hexdigest(): STARTS_PER_ADDRESS}
+    return {_key(f"start {address}"): STARTS_PER_ADDRESS}
 
 
 def registration_keys_of(address: str) -> dict[str, int]:
     """Return under which key a registration counts, with its limit."""
-    key = hashlib.sha256(f"registration {address}".encode()).hexdigest()
-    return {key: REGISTRATIONS_PER_ADDRESS}
+    return {_key(f"registration {address}"): REGISTRATIONS_PER_ADDRESS}
+
+
+def _key(name: str) -> str:
+    return hashlib.sha256(name.encode()).hexdigest()
 
 
 def count_attempt(session: Session, limits: Mapping[str, int]) -> None:

@@ -208,14 +208,11 @@ def audit_page(
     query = select(AuditLine).order_by(AuditLine.id.desc()).limit(limit)
     if before is not None:
         query = query.where(AuditLine.id < before)
-    if actor is not None:
-        query = query.where(AuditLine.actor == actor)
-    if subject is not None:
-        query = query.where(AuditLine.subject == subject)
     if since is not None:
         query = query.where(AuditLine.at >= since)
-    if action is not None:
-        query = query.where(AuditLine.action == action)
+    for name, value in {"actor": actor, "subject": subject, "action": action}.items():
+        if value is not None:
+            query = query.where(getattr(AuditLine, name) == value)
     return list(session.scalars(query))
 
 

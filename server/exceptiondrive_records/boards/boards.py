@@ -190,12 +190,8 @@ def _standings(row: BoardRow, key: str, with_aliases: bool) -> _Standings:
 
 def current_board(session: Session, phase_id: str) -> BoardRow | None:
     """Return the board that the phase shows now."""
-    query = (
-        select(BoardRow)
-        .join(Phase, Phase.current_board_id == BoardRow.id)
-        .where(Phase.id == phase_id)
-    )
-    return session.scalars(query).first()
+    query = select(BoardRow).join(Phase, Phase.current_board_id == BoardRow.id)
+    return session.scalars(query.where(Phase.id == phase_id)).first()
 
 
 def board_at(session: Session, phase_id: str, as_of: datetime) -> BoardRow | None:
@@ -228,10 +224,8 @@ def _last_shown(session: Session, phase_id: str, which: ColumnElement[bool]) -> 
 
 def late_board(session: Session, phase_id: str) -> BoardRow | None:
     """Return the board of the late view; None while nothing came late."""
-    query = (
-        select(BoardRow).join(Phase, Phase.late_board_id == BoardRow.id).where(Phase.id == phase_id)
-    )
-    return session.scalars(query).first()
+    query = select(BoardRow).join(Phase, Phase.late_board_id == BoardRow.id)
+    return session.scalars(query.where(Phase.id == phase_id)).first()
 
 
 def latest_board(

@@ -2,10 +2,10 @@
 
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import cast, get_args
 
-from exceptiondrive_records.db.csv_table import Fault, csv_rows, faults_text
+from exceptiondrive_records.db.csv_table import faults_text, named_rows
 from exceptiondrive_records.db.errors import InvalidRecord
 from exceptiondrive_records.db.identifiers import checked_text
 from exceptiondrive_schemas.challenges import Challenge, Metric
@@ -44,40 +44,24 @@ def read_rows(text: str, challenge: Challenge) -> tuple[ImportedRow, ...]:
         InvalidRecord: It cannot be read, or rows of it are refused: each is named, with what helps.
     """
     rows: list[ImportedRow] = []
-    faults: list[Fault] = []
-    seen: dict[tuple[object, ...], str] = {}
-    for number, values in _lines(text.removeprefix("\ufeff")):
+    faults: list[tuple[int, str]] = []
+    seen: dict[tuple[object, ...], int] = {}
+    for number, cells in named_rows(text, most=MAX_ROWS):
+        values = {name: from_spreadsheet(cell) for name, cell in cells.items()}
         try:
             row = _row(values, challenge)
         except InvalidRecord as refusal:
-            faults.append(Fault(f"Line {number}", str(refusal)))
+            faults.append((number, str(refusal)))
             continue
         key = row.method, row.team, row.split.revision, row.protocol, row.average
         if key in seen:
-            words = f"The same method as in {seen[key]}; leave one of the two out."
-            faults.append(Fault(f"Line {number}", words))
-        seen[key] = f"line {number}"
+            words = f"The same method as in line {seen[key]}; leave one of the two out."
+            faults.append((number, words))
+        seen[key] = number
         rows.append(row)
     if faults:
         raise InvalidRecord(f"Nothing was imported. {faults_text(faults)}")
     return tuple(rows)
-
-
-def _lines(text: str) -> Iterator[tuple[int, Mapping[str, str]]]:
-    (_, head), *rows = csv_rows(text) or [(1, [])]
-    names = [name.strip().lower() for name in head]
-    twice = {name for name in names if names.count(name) > 1}
-    if twice:
-        raise InvalidRecord(f"The first line names the column {min(twice)} twice.")
-    if not rows:
-        raise InvalidRecord(
-            "The file has no row: write the names of columns first, then one method a line."
-        )
-    if len(rows) > MAX_ROWS:
-        raise InvalidRecord(f"The file has more than {MAX_ROWS} rows; import it in parts.")
-    for number, cells in rows:
-        values = map(from_spreadsheet, map(str.strip, cells))
-        yield number, dict(zip(names, values, strict=True))
 
 
 def _row(values: Mapping[str, str], challenge: Challenge) -> ImportedRow:
@@ -91,15 +75,19 @@ def _row(values: Mapping[str, str], challenge: Challenge) -> ImportedRow:
     if not metrics:
         first = challenge.metrics[0].key
         raise InvalidRecord(f"It tells no metric, such as {first}.")
+    digest = values.get("protocol_digest") or None
     return ImportedRow(
         method=_text("method", values["method"], MAX_NAME),
         team=_text("team", values.get("team"), MAX_NAME, may_be_empty=True),
         metrics=metrics,
         families=families,
         n_samples=_count(values.get("n_samples")),
-        split=SplitRef(name=_split_name(values["split"]), revision=_revision(values)),
+        split=SplitRef(
+            name=_split_name(values["split"]),
+            revision=_digest("split_revision", values["split_revision"]),
+        ),
         protocol=_protocol(values["protocol"]),
-        protocol_digest=_digest("protocol_digest", values.get("protocol_digest")),
+        protocol_digest=digest and _digest("protocol_digest", digest),
         average=_average(values.get("average")),
         cite=_text(
             "cite", values.get("cite") or values.get("board_url"), MAX_CITE, may_be_empty=True
@@ -166,12 +154,6 @@ def _split_name(value: str) -> str:
     return value
 
 
-def _revision(values: Mapping[str, str]) -> str:
-    revision = _digest("split_revision", values["split_revision"])
-    assert revision is not None
-    return revision
-
-
 def _protocol(value: str) -> str:
     version = _text("protocol", value, 100)
     if version.isdigit():
@@ -182,9 +164,7 @@ def _protocol(value: str) -> str:
     return version
 
 
-def _digest(name: str, value: str | None) -> str | None:
-    if not value:
-        return None
+def _digest(name: str, value: str) -> str:
     if _DIGEST.fullmatch(value) is None:
         raise InvalidRecord(f"{name} is {value!r}: write it in full, sha256: and 64 digits.")
     return value

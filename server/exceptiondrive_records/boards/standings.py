@@ -153,19 +153,19 @@ def replacements(
         )
         .order_by(Submission.received_at, Submission.id)
     )
-    groups: dict[tuple[bool, bool], list[_Scored]] = {}
+    runs_at: dict[tuple[bool, int, str], list[_Scored]] = {}  # late or not, team, method
     place_of: dict[str, tuple[bool, int, str]] = {}
     for submission, team in session.execute(query):
         if counts(submission):
             is_late_one = is_late(phase, submission)
             shows_one = is_one_each and not is_late_one and not team.is_reference
-            groups.setdefault((is_late_one, shows_one), []).append(_Scored(submission, team, ""))
-            place_of[submission.id] = is_late_one, team.id, "" if shows_one else submission.method
+            place = is_late_one, team.id, "" if shows_one else submission.method
+            place_of[submission.id] = place
+            runs_at.setdefault(place, []).append(_Scored(submission, team, ""))
     pick = _picker(session, phase, key_of_phase(phase))
     standing = {
-        place_of[each.submission.id]: each.submission
-        for (_, shows_one), stood in groups.items()
-        for each in (_of_teams(stood) if shows_one else _of_methods(stood, pick))
+        place: (pick(runs) if place[2] else _of_teams(runs)[0]).submission
+        for place, runs in runs_at.items()
     }
     found = {each.id: standing.get(place_of[each.id]) for each in asked if each.id in place_of}
     return {name: one for name, one in found.items() if one is not None and one.id != name}
@@ -314,14 +314,14 @@ def _entry(
     sheets: Mapping[str, ScoreSheet],
     accepted: Mapping[str, ProtocolDocument],
 ) -> EntryRecord:
-    submission, team = scored.submission, scored.team
+    submission, team, method = scored.submission, scored.team, scored.submission.method
     is_masked = is_anonymous(phase) and not team.is_reference
     return EntryRecord(
         submission_id=submission.id,
         team=pseudonym_of_team(phase, team.id) if is_masked else team.name,
         team_slug=team.slug,
         is_reference=team.is_reference,
-        method=_method(phase, scored),
+        method=pseudonym_of_method(phase, team.id, method) if is_masked else method,
         description="" if is_masked else submission.description,
         links=Links() if is_masked else Links(paper=submission.paper_url, code=submission.code_url),
         submitted_at=submission.received_at,
@@ -332,9 +332,3 @@ def _entry(
         linked_to=submission.linked_to,
         is_late=is_late(phase, submission),
     )
-
-
-def _method(phase: Phase, scored: _Scored) -> str:
-    if is_anonymous(phase) and not scored.team.is_reference:
-        return pseudonym_of_method(phase, scored.team.id, scored.submission.method)
-    return scored.submission.method

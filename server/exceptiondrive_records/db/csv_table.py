@@ -3,7 +3,6 @@
 import csv
 import io
 from collections.abc import Iterable
-from typing import NamedTuple
 
 from exceptiondrive_records.db.errors import InvalidRecord
 from exceptiondrive_schemas.printable import first_of
@@ -13,15 +12,29 @@ _SEPARATORS = ",;\t"
 """The last is what stands in the clipboard when cells of a spreadsheet are copied."""
 
 
-def csv_rows(text: str) -> list[tuple[int, list[str]]]:
-    """Return the rows that hold something, each with the line on which it begins.
+def named_rows(text: str, *, most: int) -> list[tuple[int, dict[str, str]]]:
+    """Return the rows below the first one: the line on which each begins, and its values by column.
 
-    Empty cells at the end of the first line are no columns, and nor are those below them. Values
-    are separated by commas, semicolons or tabs, as the first line tells.
+    Values are separated by commas, semicolons or tabs, as the first line tells; of names of columns
+    the case does not count.
 
     Raises:
-        InvalidRecord: It is no table, or a row has not as many values as the first one.
+        InvalidRecord: It is no table, a column is named twice, or there is no row or more than so many.
     """
+    (_, head), *rows = _rows(text) or [(1, [])]
+    names = [name.strip().lower() for name in head]
+    twice = {name for name in names if names.count(name) > 1}
+    if twice:
+        raise InvalidRecord(f"The first line names the column {min(twice)} twice.")
+    if not rows:
+        raise InvalidRecord("There is no row: write one a line below the names of columns.")
+    if len(rows) > most:
+        raise InvalidRecord(f"There are more than {most} rows; import them in parts.")
+    return [(line, dict(zip(names, map(str.strip, row), strict=True))) for line, row in rows]
+
+
+def _rows(text: str) -> list[tuple[int, list[str]]]:
+    """All that hold something. Empty cells at the end of the first one are no columns, nor are those below them."""
     text = text.removeprefix("\ufeff")
     head = text.lstrip("\r\n").split("\n", 1)[0]
     separator = max(_SEPARATORS, key=head.count)
@@ -48,18 +61,11 @@ def csv_rows(text: str) -> list[tuple[int, list[str]]]:
     return rows
 
 
-class Fault(NamedTuple):
-    """What is wrong with one row, and where: `Line 3`."""
-
-    place: str
-    words: str
-
-
-def faults_text(faults: Iterable[Fault]) -> str:
-    """Say what is wrong, each sentence once, with the places it is true of: `Line 2, Line 5: ...`."""
-    places: dict[str, list[str]] = {}
-    for fault in faults:
-        places.setdefault(fault.words, []).append(fault.place)
-    told = [f"{first_of(where)}: {words}" for words, where in places.items()]
+def faults_text(faults: Iterable[tuple[int, str]]) -> str:
+    """Say what is wrong on which lines, each sentence once: `Line 2, Line 5: ...`."""
+    lines: dict[str, list[str]] = {}
+    for number, words in faults:
+        lines.setdefault(words, []).append(f"Line {number}")
+    told = [f"{first_of(where)}: {words}" for words, where in lines.items()]
     left_out = len(told) - _SHOWN_FAULTS
     return " ".join(told[:_SHOWN_FAULTS]) + (f" And {left_out} more." if left_out > 0 else "")

@@ -72,8 +72,7 @@ class TooManyAttempts(RecordsError):
     def __init__(self, resets_at: datetime, now: datetime) -> None:
         self.resets_at = resets_at
         minutes = max(1, math.ceil((resets_at - now).total_seconds() / 60))
-        plural = "" if minutes == 1 else "s"
-        super().__init__(f"Too many attempts; try again in {minutes} minute{plural}.")
+        super().__init__(f"Too many attempts; try again in {counted(minutes, 'minute')}.")
 
 
 class PhaseClosed(RecordsError):

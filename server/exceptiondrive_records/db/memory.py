@@ -22,10 +22,6 @@ class Memory(Generic[K, V]):
         self.weight = 0
         """Of all that is kept."""
 
-    def __len__(self) -> int:
-        """How many values are kept."""
-        return len(self._kept)
-
     def get(self, key: K) -> V | None:
         """Return what is kept under a key."""
         with self._lock:
@@ -51,9 +47,3 @@ class Memory(Generic[K, V]):
     def _forget_beyond(self, weight: int) -> None:
         while self._kept and self.weight > weight:
             self.weight -= self._kept.popitem(last=False)[1][1]
-
-    def clear(self) -> None:
-        """Forget all."""
-        with self._lock:
-            self._kept.clear()
-            self.weight = 0

@@ -57,7 +57,9 @@ class RecordsSettings(BaseSettings):
 
     database_url: str = "sqlite:///data/records.sqlite3"
     broker_url: str = "redis://127.0.0.1:6379/0"
-    file_store_url: str = Field(default_factory=lambda: Path("data/uploads").absolute().as_uri())
+    file_store_url: Annotated[
+        str, matching("file:///.*|s3://[^/?#].*", "must start with file:/// or s3://BUCKET")
+    ] = Field(default_factory=lambda: Path("data/uploads").absolute().as_uri())
     lease_s: Seconds = 120.0
     max_attempts: Annotated[int, Field(ge=1, le=100)] = 4
     retry_backoff_s: Seconds = 2.0
@@ -84,15 +86,6 @@ class RecordsSettings(BaseSettings):
             urlsplit(url).port  # noqa: B018 - it is parsed when it is asked for
         except ValueError:
             raise ValueError(_UNREADABLE) from None
-        return url
-
-    @field_validator("file_store_url")
-    @classmethod
-    def _store_is_supported(cls, url: str) -> str:
-        if not url.startswith(("file:///", "s3://")):
-            raise ValueError("must start with file:/// or s3://")
-        if url.startswith("s3://") and not urlsplit(url).netloc:
-            raise ValueError("must name a bucket: s3://BUCKET")
         return url
 
     @model_validator(mode="after")

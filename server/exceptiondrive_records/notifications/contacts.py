@@ -31,6 +31,7 @@ from exceptiondrive_schemas.base import bytes_digest
 
 MAX_CONTACTS = 5
 MAX_ADDED_A_DAY = 20
+"""Each addition writes one mail to somebody who may not want it."""
 MAX_CHANGED_A_DAY = 50
 """Of a team, whichever address: each leaves an audit line for ever."""
 MAX_ASKED_A_DAY = 3
@@ -71,7 +72,9 @@ def add_contact(
     if len(held) >= MAX_CONTACTS:
         raise Conflict(f"A team may be told at {MAX_CONTACTS} addresses; remove one first.")
     now = database_now(session)
-    _require_additions_left(session, team_id, now)
+    of_today = (ContactPoint.team_id == team_id, ContactPoint.created_at > now - timedelta(days=1))
+    if (session.scalar(select(func.count()).where(*of_today)) or 0) >= MAX_ADDED_A_DAY:
+        raise Conflict(f"A team may add {MAX_ADDED_A_DAY} addresses in 24 hours; go on later.")
     mailbox_digest = _mailbox_digest(address) if channel is Channel.EMAIL else None
     if mailbox_digest is not None:
         _require_may_be_asked(session, team_id, mailbox_digest, now)
@@ -218,15 +221,6 @@ def _question(session: Session, contact: ContactPoint, now: datetime) -> Notific
         ),
         comparison=contact_link(contact, "confirm"),
     )
-
-
-def _require_additions_left(session: Session, team_id: int, now: datetime) -> None:
-    """Each addition writes one mail to somebody who may not want it."""
-    query = select(func.count()).where(
-        ContactPoint.team_id == team_id, ContactPoint.created_at > now - timedelta(days=1)
-    )
-    if (session.scalar(query) or 0) >= MAX_ADDED_A_DAY:
-        raise Conflict(f"A team may add {MAX_ADDED_A_DAY} addresses in 24 hours; go on later.")
 
 
 def _mailbox_digest(address: str) -> str:

@@ -40,13 +40,15 @@ def notify_teams(
     run_id: str,
     what_changed: tuple[str, ...],
     at: datetime | None = None,
-) -> list[Notification]:
+) -> None:
     """Notify each team whose published numbers change of the old and the new ones; no others.
 
     While the phase is hidden nothing of it is published, so nobody is told before it is shown.
     """
     phase = session.get_one(Phase, comparison.phase)
-    changed = [] if phase.visibility == "hidden" else _changed(comparison)
+    if phase.visibility == "hidden":
+        return
+    changed = _changed(comparison)
     own = _submissions(session, [entry.submission_id for entry in changed])
     by_team: defaultdict[Team, list[ChangedEntry]] = defaultdict(list)
     for entry in changed:
@@ -56,12 +58,13 @@ def notify_teams(
         )
         by_team[team].append(told)
     now = at or database_now(session)
-    return [
+    title = f"{phase.title} {_VERBS[kind]} {_what_stands(session, comparison)}"
+    for team in sorted(by_team, key=lambda team: team.id):
         tell_team(
             session,
             team,
             kind,
-            f"{phase.title} {_VERBS[kind]} {_what_stands(session, comparison)}",
+            title,
             what_changed,
             address=f"/api/v1/rescoring/{run_id}",
             phase=phase.id,
@@ -73,8 +76,6 @@ def notify_teams(
             to_protocol=comparison.to_protocol,
             entries=tuple(by_team[team]),
         )
-        for team in sorted(by_team, key=lambda team: team.id)
-    ]
 
 
 def _changed(comparison: Comparison) -> list[EntryChange]:

@@ -5,11 +5,11 @@ from functools import cache
 
 import structlog
 from sqlalchemy import Select, func, select
-from sqlalchemy.exc import OperationalError, SQLAlchemyError
+from sqlalchemy.exc import SQLAlchemyError
 from sqlalchemy.orm import Session, aliased
 
 from exceptiondrive_records.db.clock import NOW, seconds_from_now
-from exceptiondrive_records.db.database import Database, sentence_of
+from exceptiondrive_records.db.database import Database, reason_of
 from exceptiondrive_records.notifications.channels import (
     NotDelivered,
     NoticeSettings,
@@ -46,12 +46,9 @@ def run_outbox(database: Database, settings: NoticeSettings, stop: threading.Eve
     while settings.delivery_attempts and not stop.is_set():
         try:
             is_busy = send_next(database, settings)
-        except OperationalError as error:
-            is_busy = False
-            _log.warning("no message is sent", reason=sentence_of(error))
         except SQLAlchemyError as error:
             is_busy = False
-            _log.warning("no message is sent", error=type(error).__name__)
+            _log.warning("no message is sent", error=type(error).__name__, **reason_of(error))
         if not is_busy:
             stop.wait(settings.deliver_every_s)
 

@@ -4,7 +4,6 @@ Documents keep their exact text. What describes running processes only (signs of
 is left out: it means nothing elsewhere.
 """
 
-import base64
 import json
 from collections.abc import Iterable, Iterator
 from datetime import datetime
@@ -15,7 +14,6 @@ from sqlalchemy import (
     Column,
     ColumnElement,
     Enum,
-    LargeBinary,
     MetaData,
     Table,
     Text,
@@ -67,22 +65,19 @@ def column_names(table: Table) -> list[str]:
     return [column.name for column in table.columns]
 
 
-def load_rows(session: Session, table: Table, lines: Iterable[str]) -> int:
-    """Insert dumped rows into an empty table; return how many."""
+def load_rows(session: Session, table: Table, lines: Iterable[str]) -> None:
+    """Insert dumped rows into an empty table."""
     plain = _plain(table)
     waiting: list[dict[str, Any]] = []
-    n_rows = 0
     for line in lines:
         values = zip(plain.columns, json.loads(line), strict=True)
         waiting.append({column.name: _from_json(column.type, value) for column, value in values})
-        n_rows += 1
         if len(waiting) == _AT_ONCE:
             session.execute(plain.insert(), waiting)
             waiting = []
     if waiting:
         session.execute(plain.insert(), waiting)
     _set_sequence(session, table)
-    return n_rows
 
 
 def is_empty(session: Session) -> bool:
@@ -134,17 +129,12 @@ def _plain_type(kind: TypeEngine[Any]) -> TypeEngine[Any]:
 
 
 def _to_json(value: Any) -> Any:
-    if isinstance(value, datetime):
-        return value.isoformat()
-    return base64.b64encode(value).decode() if isinstance(value, bytes) else value
+    return value.isoformat() if isinstance(value, datetime) else value
 
 
 def _from_json(kind: TypeEngine[Any], value: Any) -> Any:
-    if value is None:
-        return None
-    if isinstance(kind, UtcDateTime):
-        return datetime.fromisoformat(value)
-    return base64.b64decode(value) if isinstance(kind, LargeBinary) else value
+    is_time = isinstance(kind, UtcDateTime) and value is not None
+    return datetime.fromisoformat(value) if is_time else value
 
 
 def _set_sequence(session: Session, table: Table) -> None:

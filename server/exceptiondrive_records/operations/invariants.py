@@ -33,8 +33,7 @@ from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.protocols.tables import ProtocolRow
 from exceptiondrive_records.rescoring.progress import left_out
-from exceptiondrive_records.splits.drawings import drawings_of_withheld_splits
-from exceptiondrive_records.splits.pictures import pictures_of_withheld_splits
+from exceptiondrive_records.splits.drawings import shown_of_withheld_splits
 from exceptiondrive_records.submissions.file_store import FileDamaged, FileStore, FileUnreadable
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.work.tables import Job, WorkState
@@ -225,8 +224,7 @@ def violations(session: Session) -> list[Violation]:
         unlogged_disqualifications,
         unlogged_settings,
         unlogged_flips,
-        drawings_of_withheld_splits,
-        pictures_of_withheld_splits,
+        shown_of_withheld_splits,
     )
     found: list[Violation] = []
     for rule in rules:

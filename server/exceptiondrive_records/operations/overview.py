@@ -61,8 +61,6 @@ class Overview:
     """Everything that may need an organizer."""
 
     pending: tuple[Team, ...]
-    failed: tuple[Submission, ...]
-    """The newest of them."""
     n_failed: int
     open_runs: tuple[RescoringRun, ...]
     queue: tuple[LaneQueue, ...]
@@ -82,15 +80,13 @@ class Overview:
 def overview(session: Session) -> Overview:
     """Return what waits for an organizer now."""
     pending = select(Team).where(Team.pending_since.is_not(None)).order_by(Team.pending_since)
-    failed = select(Submission).where(Submission.status == SubmissionStatus.FAILED)
-    newest = failed.order_by(Submission.status_at.desc(), Submission.id).limit(NEWEST)
+    failed = select(func.count()).where(Submission.status == SubmissionStatus.FAILED)
     open_runs = list_runs(session, only_open=True)
     since = database_now(session) - _A_DAY
     received = select(func.count()).where(Submission.received_at >= since)
     return Overview(
         pending=tuple(session.scalars(pending)),
-        failed=tuple(session.scalars(newest)),
-        n_failed=session.scalar(select(func.count()).select_from(failed.subquery())) or 0,
+        n_failed=session.scalar(failed) or 0,
         open_runs=tuple(open_runs),
         queue=tuple(lane_queue(session, lane) for lane in Lane),
         workers=tuple(worker_signs(session)),

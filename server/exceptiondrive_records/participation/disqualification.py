@@ -95,10 +95,8 @@ def _disqualify(
     if session.scalar(select(same)):
         raise Conflict("It is disqualified already.")
     row.reason = checked_reason(reason)
-    row.public_note = public_note and checked_text(
-        "public note", public_note, max_length=MAX_NOTE, may_be_empty=True
-    )
-    row.public_note = row.public_note or None
+    note = checked_text("public note", public_note or "", max_length=MAX_NOTE, may_be_empty=True)
+    row.public_note = note or None
     row.disqualified_at = database_now(session)
     session.add(row)
     frozen = "a frozen board goes on showing it until it is revealed"
@@ -128,44 +126,9 @@ def reinstate(
         raise Conflict(f"It was reinstated at {row.reinstated_at:%Y-%m-%d %H:%M} UTC.")
     row.reinstated_at = database_now(session)
     detail = {"reason": checked_reason(reason)}
-    lasting = _lasting_beside(session, row)
-    words = [
-        f"{name} stays disqualified in {where}."
-        for name, where in (_named(session, team, each) for each in lasting)
-    ]
-    if not any(_keeps_off(each, row) for each in lasting):
-        what = "What else" if lasting else "What"
-        words.append(f"{what} was scored stands on the next board.")
+    words = ["What was scored stands on the next board, unless another disqualification lasts."]
     _publish(session, team, row, "reinstated", detail, words, actor)
     return row
-
-
-def _lasting_beside(session: Session, row: Disqualification) -> list[Disqualification]:
-    """What keeps off the boards some or all of what a row kept off."""
-    return [
-        each
-        for each in list_disqualifications(session, team_id=row.team_id)
-        if each.id != row.id
-        and each.reinstated_at is None
-        and (row.phase_id is None or each.phase_id in (None, row.phase_id))
-        and (row.submission_id is None or each.submission_id in (None, row.submission_id))
-    ]
-
-
-def _keeps_off(one: Disqualification, other: Disqualification) -> bool:
-    """Whether one keeps off the boards all that the other kept off."""
-    return one.phase_id in (None, other.phase_id) and one.submission_id in (
-        None,
-        other.submission_id,
-    )
-
-
-def _named(session: Session, team: Team, row: Disqualification) -> tuple[str, str]:
-    """What is disqualified, in the words to its team, and where."""
-    where = "all phases" if row.phase_id is None else find_phase(session, row.phase_id).title
-    if row.submission_id is None:
-        return f"Your team {team.name}", where
-    return f"Your entry {find_submission(session, row.submission_id).method}", where
 
 
 def _locked_team_of(session: Session, row: Submission | Disqualification) -> Team:
@@ -192,15 +155,17 @@ def _publish(
     session.flush()
     want_boards_of_team(session, team.id, row.phase_id)
     detail = {**detail, "disqualification": row.id}
-    name, where = _named(session, team, row)
+    where = "all phases"
     if row.phase_id is not None:
         detail["phase"] = row.phase_id
+        where = find_phase(session, row.phase_id).title
     if row.submission_id is None:
         audit(session, actor, f"team {done}", team.slug, detail)
-        address = "/my"
+        name, address = f"Your team {team.name}", "/my"
     else:
         audit(session, actor, f"submission {done}", row.submission_id, detail)
-        address = f"/submissions/{row.submission_id}"
+        method = find_submission(session, row.submission_id).method
+        name, address = f"Your entry {method}", f"/submissions/{row.submission_id}"
     tell_team(
         session,
         team,

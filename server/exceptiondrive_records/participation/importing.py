@@ -2,13 +2,12 @@
 
 import csv
 import io
-from collections.abc import Iterator
 from typing import NamedTuple
 
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.accounts.tokens import TEAM_SCOPES, issue_token
-from exceptiondrive_records.db.csv_table import Fault, csv_rows, faults_text
+from exceptiondrive_records.db.csv_table import faults_text, named_rows
 from exceptiondrive_records.db.errors import Conflict, InvalidRecord, RecordsError
 from exceptiondrive_records.db.identifiers import skeleton
 from exceptiondrive_records.notifications.contacts import add_contact
@@ -40,18 +39,23 @@ def import_teams(session: Session, text: str, *, actor: str) -> list[ImportedTea
     Raises:
         InvalidRecord: The table cannot be read, or lines of it are refused: each is named.
     """
-    made, faults = list[ImportedTeam](), []
+    made, faults = list[ImportedTeam](), list[tuple[int, str]]()
     lines: dict[str, int] = {}  # by ids, and by names as an eye reads them
-    for number, values in _lines(text):
+    rows = named_rows(text, most=MAX_TEAMS)
+    if not {"id", "name"} <= rows[0][1].keys() <= set(COLUMNS):
+        raise InvalidRecord(
+            f"The first line must name columns of {', '.join(COLUMNS)}; id and name are needed."
+        )
+    for number, values in rows:
         try:
             with session.begin_nested():
                 team = _make(session, values, actor)
         except Conflict as refusal:  # id and name can be used, so they are short
             earlier = lines.get(values["id"]) or lines.get(_name_key(values["name"]))
             why = f"It has the id or the name of line {earlier}." if earlier else str(refusal)
-            faults.append(Fault(f"Line {number}", why))
+            faults.append((number, why))
         except RecordsError as refusal:
-            faults.append(Fault(f"Line {number}", str(refusal)))
+            faults.append((number, str(refusal)))
         else:
             made.append(team)
             lines |= {team.slug: number, _name_key(team.name): number}
@@ -113,18 +117,3 @@ def _make(session: Session, values: dict[str, str], actor: str) -> ImportedTeam:
     )
     token, _ = issue_token(session, team.id, "first token", TEAM_SCOPES, actor=actor)
     return ImportedTeam(team.slug, team.name, token)
-
-
-def _lines(text: str) -> Iterator[tuple[int, dict[str, str]]]:
-    (_, head), *rows = csv_rows(text) or [(1, [])]
-    names = [name.strip().lower() for name in head]
-    if not {"id", "name"} <= set(names) <= set(COLUMNS) or len(set(names)) < len(names):
-        raise InvalidRecord(
-            f"The first line must name columns of {', '.join(COLUMNS)}; id and name are needed."
-        )
-    if not rows:
-        raise InvalidRecord("The table has no team: write one a line below the names of columns.")
-    if len(rows) > MAX_TEAMS:
-        raise InvalidRecord(f"The table has more than {MAX_TEAMS} teams; import it in parts.")
-    for number, row in rows:
-        yield number, dict(zip(names, map(str.strip, row), strict=True))

@@ -109,10 +109,11 @@ def checked_protocol(session: Session, toml: str) -> ProtocolDocument:
         raise InvalidRecord(str(error)) from error
     query = select(ProtocolRow).where(ProtocolRow.version == protocol.version)
     held = session.scalars(query).first()
-    meaningless = [] if held is not None and held.digest == protocol.digest else nonsense(protocol)
-    if meaningless:
+    if held is not None and held.digest == protocol.digest:
+        return protocol
+    if meaningless := nonsense(protocol):
         raise InvalidRecord(str(ProtocolError(meaningless)))
-    if held is not None and held.digest != protocol.digest:
+    if held is not None:
         raise Conflict(
             f"Protocol {protocol.version} exists with other content. A protocol never changes: "
             "give the new content a new version."

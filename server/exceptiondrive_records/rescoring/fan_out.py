@@ -60,32 +60,27 @@ def _tend(session: Session, run: RescoringRun, max_attempts: int) -> int:
         hold_jobs(session, run)
         return 0
     _move_jobs(session, run, (WorkState.HELD,), WorkState.QUEUED)  # of uploads that saw it paused
-    made = sum(_insert_missing(session, run, key) for key in _sides(run))
+    made = 0
+    for key in _sides(run):
+        room = BATCH - count_jobs(session, run.phase_id, key, OPEN_STATES)
+        if room > 0:
+            made += _make_jobs(session, scored_left_out(run.phase_id, key, room), key)
     if run.state is RunState.APPLIED and not _missing(session, run, new_key(run)):
         want_fresh_board(session, run.phase_id, new_key(run))
     key = shadow_key(run)
     if _missing(session, run, key):
         return made
     want_fresh_board(session, run.phase_id, key)
-    is_ready = run.state is RunState.SCORING and fresh_board(session, run.phase_id, key) is not None
-    if is_ready:
+    if run.state is RunState.SCORING and fresh_board(session, run.phase_id, key) is not None:
         run.state = RunState.READY
         run.state_at = database_now(session)
-        detail = {"phase": run.phase_id}
-        audit(session, _ACTOR, "rescoring ready", run.id, detail)
+        audit(session, _ACTOR, "rescoring ready", run.id, {"phase": run.phase_id})
     return made
 
 
 def _sides(run: RescoringRun) -> tuple[ScoringKey, ...]:
     """Both: what is not shown now may be shown again."""
     return new_key(run), old_key(run)
-
-
-def _insert_missing(session: Session, run: RescoringRun, key: ScoringKey) -> int:
-    room = BATCH - count_jobs(session, run.phase_id, key, OPEN_STATES)
-    if room <= 0:
-        return 0
-    return _make_jobs(session, scored_left_out(run.phase_id, key, room), key)
 
 
 def score_left_out(session: Session, phase_id: str, key: ScoringKey) -> None:

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
+from typing import Any
 
 from sqlalchemy import ColumnElement, Select, exists, func, not_, select
 from sqlalchemy.orm import Session
@@ -45,17 +46,18 @@ class Counts:
 
 def count_sheets(session: Session, phase_id: str, key: ScoringKey) -> Counts:
     """Count the scored submissions of a phase, those with a sheet of a key, and those that failed."""
-    total = count_scored(session, phase_id)
-    done_query = _scored(phase_id).where(_has_sheet(key)).subquery()
-    done = session.scalar(select(func.count()).select_from(done_query)) or 0
-    failed_query = failed_sheets(phase_id, key).subquery()
-    failed = session.scalar(select(func.count()).select_from(failed_query)) or 0
-    return Counts(total, done, failed)
+    done = _count(session, _scored(phase_id).where(_has_sheet(key)))
+    failed = _count(session, failed_sheets(phase_id, key))
+    return Counts(count_scored(session, phase_id), done, failed)
 
 
 def count_scored(session: Session, phase_id: str) -> int:
     """Return how many submissions of a phase are scored: as many sheets any update makes."""
-    return session.scalar(select(func.count()).select_from(_scored(phase_id).subquery())) or 0
+    return _count(session, _scored(phase_id))
+
+
+def _count(session: Session, query: Select[Any]) -> int:
+    return session.scalar(query.with_only_columns(func.count())) or 0
 
 
 def scored_left_out(phase_id: str, key: ScoringKey, limit: int) -> Select[Submission]:
@@ -96,8 +98,7 @@ def count_jobs(
     session: Session, phase_id: str, key: ScoringKey, states: Sequence[WorkState]
 ) -> int:
     """Return how many jobs of a phase under a key are in one of these states."""
-    found = jobs_in(phase_id, key, states)
-    return session.scalar(found.with_only_columns(func.count())) or 0
+    return _count(session, jobs_in(phase_id, key, states))
 
 
 def progress_of(session: Session, run: RescoringRun) -> Progress:

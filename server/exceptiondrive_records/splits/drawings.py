@@ -13,7 +13,12 @@ from sqlalchemy.orm import Session
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.database import insert_if_absent
 from exceptiondrive_records.db.errors import Violation
-from exceptiondrive_records.splits.tables import EntryDrawingsRow, ProtocolDrawingRow, SplitRow
+from exceptiondrive_records.splits.tables import (
+    EntryDrawingsRow,
+    ProtocolDrawingRow,
+    SamplePictureRow,
+    SplitRow,
+)
 from exceptiondrive_schemas.drawing import (
     EntryDrawings,
     ProtocolDrawing,
@@ -85,23 +90,20 @@ def entry_drawings(
     return None if row is None else row.drawings
 
 
-def drawings_of_withheld_splits(session: Session) -> Iterator[Violation]:
-    """Yield every drawing whose split is not public, or is another file: there must be none."""
-    query = (
-        select(EntryDrawingsRow.submission_id, EntryDrawingsRow.split_name)
-        .outerjoin(
-            SplitRow,
-            and_(
-                SplitRow.name == EntryDrawingsRow.split_name,
-                SplitRow.revision == EntryDrawingsRow.split_revision,
-                SplitRow.public_file_digest == EntryDrawingsRow.public_file_digest,
-            ),
+def shown_of_withheld_splits(session: Session) -> Iterator[Violation]:
+    """Yield every drawing and picture whose split is not public, or is another file: there must be none."""
+    drawing = "drawing", EntryDrawingsRow, EntryDrawingsRow.submission_id
+    picture = "picture", SamplePictureRow, SamplePictureRow.sample_id
+    for what, table, subject in (drawing, picture):
+        is_its_split = and_(
+            SplitRow.name == table.split_name,
+            SplitRow.revision == table.split_revision,
+            SplitRow.public_file_digest == table.public_file_digest,
         )
-        .where(SplitRow.name.is_(None))
-    )
-    for submission_id, split_name in session.execute(query):
-        text = f"split {split_name} is not public: delete the row from entry_drawings"
-        yield Violation("drawing of a withheld split", submission_id, text)
+        query = select(subject, table.split_name).outerjoin(SplitRow, is_its_split)
+        for key, split_name in session.execute(query.where(SplitRow.name.is_(None))):
+            text = f"split {split_name} is not public: delete the row from {table.__tablename__}"
+            yield Violation(f"{what} of a withheld split", key, text)
 
 
 def keep_protocol_drawing(session: Session, drawing: ProtocolDrawing) -> None:

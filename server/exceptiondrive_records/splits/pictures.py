@@ -3,17 +3,17 @@
 The table refuses what is of no public split (`tables.SamplePictureRow`), as it does with drawings.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 
-from sqlalchemy import ColumnElement, and_, delete, select
+from sqlalchemy import ColumnElement, delete, exists, select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.db.clock import database_now
-from exceptiondrive_records.db.errors import InvalidRecord, Violation
+from exceptiondrive_records.db.errors import InvalidRecord
 from exceptiondrive_records.splits.drawings import PublicSplit
 from exceptiondrive_records.splits.splits import manifest_of
-from exceptiondrive_records.splits.tables import SamplePictureRow, SplitRow
+from exceptiondrive_records.splits.tables import SamplePictureRow
 from exceptiondrive_schemas.base import content_digest
 from exceptiondrive_schemas.split import SplitRef
 
@@ -84,23 +84,7 @@ def pictures_of(
 def shows_picture(session: Session, split_name: str, file_digest: str) -> bool:
     """Whether a stored file is a picture of a split that is shown."""
     stands = SamplePictureRow.split_name == split_name, SamplePictureRow.file_digest == file_digest
-    return (
-        session.scalars(select(SamplePictureRow.sample_id).where(*stands).limit(1)).first()
-        is not None
-    )
-
-
-def pictures_of_withheld_splits(session: Session) -> Iterator[Violation]:
-    """Yield every picture whose split is not public, or is another file: there must be none."""
-    is_its_split = and_(
-        SplitRow.name == SamplePictureRow.split_name,
-        SplitRow.revision == SamplePictureRow.split_revision,
-        SplitRow.public_file_digest == SamplePictureRow.public_file_digest,
-    )
-    query = select(SamplePictureRow).outerjoin(SplitRow, is_its_split)
-    for row in session.scalars(query.where(SplitRow.name.is_(None))):
-        text = f"split {row.split_name} is not public: delete the row from sample_pictures"
-        yield Violation("picture of a withheld split", row.sample_id, text)
+    return bool(session.scalar(select(exists().where(*stands))))
 
 
 def _is_of(split: SplitRef) -> tuple[ColumnElement[bool], ColumnElement[bool]]:

@@ -402,9 +402,8 @@ def arrival(session: Session, phase: Phase, arrived_at: datetime | None, now: da
     """
     if arrived_at is None or not now - LONGEST_UPLOAD <= arrived_at <= now:
         return now
-    return (
-        now if has_closed(phase, now) and has_revealed(session, phase, arrived_at) else arrived_at
-    )
+    is_revealed = has_closed(phase, now) and has_revealed(session, phase, arrived_at)
+    return now if is_revealed else arrived_at
 
 
 def _score_under_both(

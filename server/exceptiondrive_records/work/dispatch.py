@@ -160,15 +160,12 @@ def mark_queued(session: Session) -> int:
 
 
 @cache
-def _number_due(lane: Lane, max_attempts: int) -> Select[int, int]:
-    items = select(func.count(WorkItem.id)).where(
-        WorkItem.kind != BoardRequest.__mapper__.polymorphic_identity,
-        _is_item_due(WorkItem, lane, max_attempts),
+def _number_due(lane: Lane, max_attempts: int) -> Select[Any]:
+    counts = (
+        select(func.count(kind.id)).where(_is_item_due(kind, lane, max_attempts))
+        for kind in _KINDS[lane]
     )
-    boards = select(func.count(BoardRequest.id)).where(
-        _is_item_due(BoardRequest, lane, max_attempts)
-    )
-    return select(items.scalar_subquery(), boards.scalar_subquery())
+    return select(*(count.scalar_subquery() for count in counts))
 
 
 @cache

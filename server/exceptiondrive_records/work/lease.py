@@ -136,10 +136,8 @@ def claim(session: Session, kind: type[Item], first: Select[str], lease_s: float
     """Choose and lease an item in one statement; None: nothing is free.
 
     `first` selects ids of free items at `NOW`, in the order in which they are to be done; one that
-    is kept makes the whole statement once. The lease is longer than doing it may take.
-
-    Returns:
-        The item as it was claimed: with its fence it is the proof of the lease.
+    is kept makes the whole statement once. The lease is longer than doing it may take. The item is
+    returned as it was claimed: with its fence it is the proof of the lease.
     """
     given = {"lease_s": lease_s}
     taken: Item | None = session.scalars(_claiming(kind, first), given).first()
@@ -186,12 +184,9 @@ def _oldest_first(kind: type[WorkItem], max_attempts: int) -> Select[str]:
 def finish(
     session: Session, item: WorkItem, state: WorkState = WorkState.DONE, *, note: str | None = None
 ) -> bool:
-    """End an item; what was asked for meanwhile waits again.
+    """End an item; what was asked for meanwhile waits again. The note says why it came to nothing.
 
-    The note says why it came to nothing.
-
-    Returns:
-        Whether the lease was still held; otherwise nothing was changed but the audit log.
+    It says whether the lease was still held: otherwise nothing was changed but the audit log.
     """
     how = {"was_asked": item.asked, "ends_as": state.value, "note": note}
     return _leave(session, item, _FINISH, rests_s=0.0, **how)
@@ -202,12 +197,9 @@ class LeaseLost(Exception):  # noqa: N818 - nothing is wrong: another one does i
 
 
 def finish_last(session: Session, item: WorkItem, pause_after: Callable[[float], float]) -> bool:
-    """End an item at the end of this transaction, all of which is kept only while the lease is held.
+    """End an item, as `finish`, at the end of this transaction, which is kept only while the lease is held.
 
     `pause_after` tells, of the seconds that it took, how many it rests before it is done once more.
-
-    Returns:
-        Whether the lease is still held; otherwise nothing was changed but the audit log.
 
     Raises:
         LeaseLost: At the end of the transaction.
@@ -227,13 +219,7 @@ def finish_last(session: Session, item: WorkItem, pause_after: Callable[[float],
 def try_later(
     session: Session, item: WorkItem, wait_s: float, *, counts: bool = True, note: str | None = None
 ) -> bool:
-    """Give an item back, to be tried again after a while.
-
-    `counts`: this was one of its attempts; the note says why it came to nothing.
-
-    Returns:
-        Whether the lease was still held; otherwise nothing was changed but the audit log.
-    """
+    """Give an item back, as `finish`, to be tried again after a while; `counts`: this was one of its attempts."""
     given = {"state": WorkState.QUEUED, "attempts": item.attempts - (not counts), "note": note}
     return _leave(session, item, _LEAVE, rests_s=wait_s, **given)
 

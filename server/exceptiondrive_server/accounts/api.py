@@ -6,6 +6,7 @@ from fastapi import APIRouter, Path
 from pydantic import Field
 
 from exceptiondrive_records.accounts.makers import left_behind
+from exceptiondrive_records.accounts.tables import Token
 from exceptiondrive_records.accounts.tokens import (
     DEFAULT_KEEP_DAYS,
     MAX_KEEP_DAYS,
@@ -29,6 +30,7 @@ from exceptiondrive_server.web.auth import MaybePrincipal, ServicesOf, TokenKeep
 from exceptiondrive_server.web.forms import Form
 from exceptiondrive_server.web.problem_vocabulary import ApiProblem
 from exceptiondrive_server.web.problems import problem_responses
+from exceptiondrive_server.web.services import Services
 
 _REFUSALS = (ProblemCode.NOT_SIGNED_IN, ProblemCode.NOT_ALLOWED)
 router = APIRouter(prefix="/tokens", tags=["access"], responses=problem_responses(*_REFUSALS))
@@ -67,8 +69,7 @@ def post_own_token(services: ServicesOf, keeper: TokenKeeper, token: NewTeamToke
         text, made = issue_team_token(
             session, keeper, token.name, tuple(token.scopes), token.expires_at
         )
-        (view,) = team_token_views(session, team_id, [made], made_now_by=keeper.actor)
-        return IssuedToken(token=text, view=view)
+    return _issued(services, team_id, text, made)
 
 
 @router.post(
@@ -81,8 +82,7 @@ def post_rotation(
     team_id = team_of(keeper)
     with services.database.write() as session:
         text, made = rotate_team_token(session, keeper, token_id, rotation.keep_days)
-        (view,) = team_token_views(session, team_id, [made], made_now_by=keeper.actor)
-        return IssuedToken(token=text, view=view)
+    return _issued(services, team_id, text, made)
 
 
 @router.post("/{token_id}/revoke", operation_id="revokeOwnToken", responses=_MISSING)
@@ -96,6 +96,12 @@ def post_own_revocation(
         left = left_behind(session, f"token:{token.id}", team_id)
         view, *made = team_token_views(session, team_id, [token, *left])
         return RevokedToken(**dict(view), still_work=tuple(made))
+
+
+def _issued(services: Services, team_id: int, text: str, made: Token) -> IssuedToken:
+    with services.database.read() as session:
+        (view,) = team_token_views(session, team_id, [made])
+    return IssuedToken(token=text, view=view)
 
 
 # Who a token speaks for.

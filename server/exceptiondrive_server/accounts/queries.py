@@ -6,14 +6,18 @@ from datetime import datetime
 from pydantic import BaseModel
 from sqlalchemy.orm import Session
 
-from exceptiondrive_records.accounts.makers import (
-    makers_in_words,
-    makers_of_tokens,
-)
+from exceptiondrive_records.accounts.makers import makers_in_words, makers_of_tokens
 from exceptiondrive_records.accounts.tables import Token
-from exceptiondrive_records.accounts.tokens import names_of_actors
+from exceptiondrive_records.accounts.tokens import MEANING_OF_SCOPE, Scope, names_of_actors
+from exceptiondrive_schemas.api.form_fields import FormField
 
 _UNKNOWN = "not recorded"
+
+
+def scopes_field(scopes: Sequence[Scope]) -> FormField:
+    """Return the field in which the rights of a new token are ticked."""
+    options = tuple((str(scope), f"{MEANING_OF_SCOPE[scope]} ({scope})") for scope in scopes)
+    return FormField("scopes", "It may", "several", options=options)
 
 
 class TokenView(BaseModel):
@@ -45,28 +49,18 @@ class IssuedToken(BaseModel):
     view: TokenView
 
 
-def team_token_views(
-    session: Session, team_id: int, tokens: Sequence[Token], *, made_now_by: str = ""
-) -> list[TokenView]:
-    """Return tokens of a team as it sees them; `made_now_by`: who makes them in this transaction."""
-    makers = makers_of_tokens(session, team_id) | _made_now(tokens, made_now_by)
-    words = makers_in_words(session, team_id, makers)
+def team_token_views(session: Session, team_id: int, tokens: Sequence[Token]) -> list[TokenView]:
+    """Return tokens of a team as it sees them; who made one is known after its transaction."""
+    words = makers_in_words(session, team_id, makers_of_tokens(session, team_id))
     return [_view(token, words.get(token.id, _UNKNOWN)) for token in tokens]
 
 
-def token_views(
-    session: Session, tokens: Sequence[Token], team_id: int | None, *, made_now_by: str = ""
-) -> list[TokenView]:
+def token_views(session: Session, tokens: Sequence[Token], team_id: int | None) -> list[TokenView]:
     """Return tokens, of one team if given, as organizers see them."""
-    makers = makers_of_tokens(session, team_id) | _made_now(tokens, made_now_by)
+    makers = makers_of_tokens(session, team_id)
     names = names_of_actors(session, makers.values())
     words = {token_id: names.get(actor, actor) for token_id, actor in makers.items()}
     return [_view(token, words.get(token.id, _UNKNOWN)) for token in tokens]
-
-
-def _made_now(tokens: Sequence[Token], actor: str) -> dict[str, str]:
-    """The audit lines of a transaction are written as it ends."""
-    return {token.id: actor for token in tokens} if actor else {}
 
 
 def _view(token: Token, made_by: str) -> TokenView:

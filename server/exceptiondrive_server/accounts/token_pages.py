@@ -7,7 +7,6 @@ from typing import Annotated
 from fastapi import APIRouter, Path
 from fastapi.responses import RedirectResponse, Response
 from sqlalchemy.orm import Session
-from starlette.datastructures import FormData
 
 from exceptiondrive_records.accounts.makers import live_tokens_by_maker
 from exceptiondrive_records.accounts.tables import Token
@@ -26,16 +25,19 @@ from exceptiondrive_records.accounts.tokens import (
     team_tokens,
 )
 from exceptiondrive_records.db.clock import database_now
-from exceptiondrive_records.db.errors import InvalidRecord
-from exceptiondrive_server.accounts.queries import team_token_views
+from exceptiondrive_schemas.api.form_fields import FormField
+from exceptiondrive_server.accounts.queries import scopes_field, team_token_views
 from exceptiondrive_server.web.auth import team_of
 from exceptiondrive_server.web.browser_session import Browser, PostedForm, SignedIn, require_scope
+from exceptiondrive_server.web.forms import filled, read
 from exceptiondrive_server.web.responses import my_page
 
 router = APIRouter(prefix="/my/tokens", include_in_schema=False)
 TokenId = Annotated[str, Path(max_length=64)]
 Issue = Callable[[Session, Principal], tuple[str, Token]]
-MAX_DAYS = 3650
+KEEP_DAYS = FormField(
+    "keep_days", "The old one works, more days", "whole", lowest=0, highest=MAX_KEEP_DAYS
+)
 
 
 @router.get("")
@@ -47,12 +49,12 @@ def show_tokens(browser: Browser) -> Response:
 @router.post("")
 def issue(browser: Browser, form: PostedForm) -> Response:
     """Issue a token and show it, once."""
-    scopes = tuple(str(scope) for scope in form.getlist("scope"))
-    days = _days(form, "days", None)
+    values = read(_new_token(browser), form)
+    days = values["days"]
 
     def make(session: Session, keeper: Principal) -> tuple[str, Token]:
         ends = None if days is None else database_now(session) + timedelta(days=days)
-        return issue_team_token(session, keeper, str(form.get("name", "")), scopes, ends)
+        return issue_team_token(session, keeper, values["name"], values["scopes"], ends)
 
     return _issued(browser, make)
 
@@ -60,7 +62,8 @@ def issue(browser: Browser, form: PostedForm) -> Response:
 @router.post("/{token_id}/rotate")
 def rotate(browser: Browser, form: PostedForm, token_id: TokenId) -> Response:
     """Issue the successor of a token and show it, once."""
-    days = _days(form, "keep_days", DEFAULT_KEEP_DAYS) or 0
+    given = read([KEEP_DAYS], form)["keep_days"]
+    days = DEFAULT_KEEP_DAYS if given is None else given
     return _issued(browser, lambda s, keeper: rotate_team_token(s, keeper, token_id, days))
 
 
@@ -88,29 +91,28 @@ def _page(browser: SignedIn, issued: str | None = None) -> Response:
         now = database_now(session)
         tokens = team_tokens(session, browser.principal)
         views = team_token_views(session, team_id, tokens)
+        is_alive = [is_live(token, now) for token in tokens]
         actors = [f"token:{token.id}" for token in tokens]
         made_with = live_tokens_by_maker(session, actors, team_id)
     return my_page(
         browser,
         "accounts/tokens.html",
-        tokens=sorted(tokens, key=lambda token: not is_live(token, now)),
-        made_by={view.id: view.made_by for view in views},
+        tokens=sorted(zip(views, is_alive, strict=True), key=lambda line: not line[1]),
         made_with=made_with,
-        live={token.id for token in tokens if is_live(token, now)},
-        scopes=[scope for scope in TEAM_SCOPES if scope in browser.principal.scopes],
-        chosen=PARTICIPANT_SCOPES,
+        fields=filled(_new_token(browser), {"scopes": " ".join(PARTICIPANT_SCOPES)}),
         meaning=MEANING_OF_SCOPE,
-        issued=issued,
+        new_token=issued,
         keep_days=DEFAULT_KEEP_DAYS,
         max_keep_days=MAX_KEEP_DAYS,
     )
 
 
-def _days(form: FormData, field: str, default: int | None) -> int | None:
-    text = str(form.get(field, "")).strip()
-    if not text:
-        return default
-    is_plain = text.isascii() and text.isdigit() and len(text) <= len(str(MAX_DAYS))
-    if not (is_plain and int(text) <= MAX_DAYS):
-        raise InvalidRecord(f"The number of days must be a whole number up to {MAX_DAYS}.")
-    return int(text)
+def _new_token(browser: SignedIn) -> tuple[FormField, ...]:
+    """What is asked of a new token, which has no more rights than whoever asks."""
+    require_scope(browser, Scope.TOKENS)
+    scopes = [scope for scope in TEAM_SCOPES if scope in browser.principal.scopes]
+    return (
+        FormField("name", "Name", hint="what it is for", is_required=True, max_length=80),
+        scopes_field(scopes),
+        FormField("days", "Days until it expires", "whole", "empty: never", highest=3650),
+    )

@@ -54,7 +54,7 @@ def show_audit(
         "audit",
         lines=lines[:SHOWN],
         told=told,
-        actions=actions,
+        actions=[(action, action) for action in actions],
         older="before" in older and urlencode({k: v for k, v in older.items() if v}),
         verdict=verdict,
         is_newest=before is None,

@@ -93,15 +93,6 @@ class Arrow:
 
 
 @dataclass(frozen=True)
-class EffectLine:
-    """One linked pair in words."""
-
-    method: str
-    without: str
-    parts: tuple[str, ...]
-
-
-@dataclass(frozen=True)
 class Frame:
     """Size of a chart, and where its axes end; SVG units."""
 
@@ -170,16 +161,6 @@ class ScatterChart:
     """Whether a reference stands at the left edge, since it has nothing along x."""
     description: str
 
-    @property
-    def x_title(self) -> str:
-        """What stands along x."""
-        return _axis_title(self.x_metric)
-
-    @property
-    def y_title(self) -> str:
-        """What stands along y."""
-        return _axis_title(self.y_metric)
-
 
 @dataclass(frozen=True)
 class _Mark:
@@ -224,19 +205,13 @@ def charted_entries(board: Board) -> tuple[BoardEntry, ...]:
 
 
 def _not_charted(board: Board) -> str:
-    """Say which scored entries the chart of a board leaves out; nothing where it draws all."""
-    scored = [entry for entry in board.entries if entry.source == "scored"]
-    if len(scored) <= MAX_SCORED:
+    """Say how many scored entries the chart of a board leaves out; nothing where it draws all."""
+    n_scored = sum([entry.source == "scored" for entry in board.entries])
+    if n_scored <= MAX_SCORED:
         return ""
-    ranked = sum([entry.rank is not None for entry in scored])
-    listed = len(scored) - ranked
-    drawn = f"all {ranked} ranked" if ranked else ""
-    if ranked > MAX_SCORED:
-        drawn = f"the first {MAX_SCORED} of {ranked:,} ranked"
-    if listed and ranked >= MAX_SCORED:
-        return f"Drawn are {drawn}, and none that is listed without a rank."
-    rest = f"the first {MAX_SCORED - ranked} of {listed:,} listed without a rank" if listed else ""
-    return f"Drawn are {' and '.join(filter(None, [drawn, rest]))}."
+    return (
+        f"Drawn are the first {MAX_SCORED} of {n_scored:,} scored, those with a rank before others."
+    )
 
 
 @template_filter
@@ -285,9 +260,7 @@ def scatter_chart(
         y_ticks=ticks_of(y_scale),
         corners=corners,
         points=tuple(_point(mark, x_scale, y_scale, metrics) for mark in marks),
-        arrows=effect_arrows([mark.entry for mark in marks], metrics, x_scale, y_scale)
-        if average == board.headline
-        else (),
+        arrows=_arrows(marks, metrics, x_scale, y_scale) if average == board.headline else (),
         labels=_labels(marks, x_scale, y_scale, corners),
         x_metric=metrics[0],
         y_metric=metrics[1],
@@ -299,8 +272,9 @@ def scatter_chart(
     )
 
 
-def _axis_title(metric: Metric) -> str:
-    """The title with its abbreviation, where the label is one."""
+@template_filter
+def axis_title(metric: Metric) -> str:
+    """Return what stands along an axis: the title with its abbreviation, where the label is one."""
     return f"{metric.title}, {metric.label} %" if metric.label.isupper() else f"{metric.title}, %"
 
 
@@ -517,41 +491,29 @@ def _steps(leader: tuple[str, str, str, str]) -> list[Box]:
     return [Box(x - 1, y - 1, x + 1, y + 1) for x, y in places]
 
 
-def effect_arrows(
-    entries: Sequence[BoardEntry], metrics: tuple[Metric, Metric], x: Scale, y: Scale
+def _arrows(
+    marks: Sequence[_Mark], metrics: tuple[Metric, Metric], x: Scale, y: Scale
 ) -> tuple[Arrow, ...]:
-    """Return an arrow for each linked pair of which both stand in the drawing.
-
-    Metrics and scales are those of x and y, in per cent.
-    """
-    by_key = {entry_key(entry): entry for entry in entries}
+    """Return an arrow for each linked pair of which both stand in the drawing."""
+    by_key = {entry_key(mark.entry): mark for mark in marks if mark.has_x}
     arrows = []
-    for entry in entries:
-        effect = entry.reminder_effect
+    for mark in by_key.values():
+        effect = mark.entry.reminder_effect
         start = by_key.get(effect.without) if effect else None
-        if effect is None or start is None:
-            continue
-        ends = _values(start, metrics), _values(entry, metrics)
-        arrows.append(_arrow(*ends, effect, metrics, x, y, entry.method))
+        if effect and start:
+            arrows.append(_arrow(start, mark, effect, metrics, x, y))
     return tuple(arrow for arrow in arrows if arrow is not None)
 
 
-def _values(entry: BoardEntry, metrics: tuple[Metric, Metric]) -> list[float]:
-    return [100 * value for m in metrics if (value := entry.metrics.get(m.key)) is not None]
-
-
 def _arrow(
-    start: Sequence[float],
-    end: Sequence[float],
+    start: _Mark,
+    end: _Mark,
     effect: ReminderEffect,
     metrics: tuple[Metric, Metric],
     x: Scale,
     y: Scale,
-    method: str,
 ) -> Arrow | None:
-    if len(start) < 2 or len(end) < 2:
-        return None
-    (x1, y1), (x2, y2) = ((x.clamped(at[0]), y.clamped(at[1])) for at in (start, end))
+    (x1, y1), (x2, y2) = ((x.clamped(at.x), y.clamped(at.y)) for at in (start, end))
     length = ((x2 - x1) ** 2 + (y2 - y1) ** 2) ** 0.5
     if length < 2 * GAP:
         return None
@@ -564,33 +526,25 @@ def _arrow(
         line=(px(x1 + ux * GAP), px(y1 + uy * GAP), px(foot[0]), px(foot[1])),
         head=" ".join(f"{px(a)},{px(b)}" for a, b in corners),
         box=_box(start, effect, metrics, x, y),
-        title=f"{effect.without_method} with the reminder: {method}",
+        title=f"{effect.without_method} with the reminder: {end.entry.method}",
     )
 
 
 def _box(
-    start: Sequence[float],
-    effect: ReminderEffect,
-    metrics: tuple[Metric, Metric],
-    x: Scale,
-    y: Scale,
+    start: _Mark, effect: ReminderEffect, metrics: tuple[Metric, Metric], x: Scale, y: Scale
 ) -> tuple[str, str, str, str] | None:
     """Where the arrow may end: start plus the interval of the change; x, y, width, height."""
-    intervals = [_interval(effect, metric) for metric in metrics]
-    if intervals[0] is None or intervals[1] is None:
+    found = [effect.differences.get(metric.key) for metric in metrics]
+    along, up = (each.interval if each else None for each in found)
+    if along is None or up is None:
         return None
-    left, right = (x.clamped(start[0] + 100 * end) for end in intervals[0])
-    bottom, top = (y.clamped(start[1] + 100 * end) for end in intervals[1])
+    left, right = (x.clamped(start.x + 100 * end) for end in along)
+    bottom, top = (y.clamped(start.y + 100 * end) for end in up)
     return (px(left), px(top), px(right - left), px(bottom - top))
 
 
-def _interval(effect: ReminderEffect, metric: Metric) -> Interval | None:
-    found = effect.differences.get(metric.key)
-    return found.interval if found else None
-
-
-def effect_lines(board: Board, digits: Digits) -> tuple[EffectLine, ...]:
-    """Say of every linked pair of a board what changed, with intervals and verdicts."""
+def effect_lines(board: Board, digits: Digits) -> list[tuple[str, str, str]]:
+    """Name both methods of every linked pair of a board, and say what changed, with intervals."""
     metrics = primary_metrics(challenge_of(board))
     lines = []
     for entry in board.entries:
@@ -606,8 +560,8 @@ def effect_lines(board: Board, digits: Digits) -> tuple[EffectLine, ...]:
             if found.interval:
                 text += f" ({digits.interval(metric, found.interval, signed=True)})"
             parts.append(text)
-        lines.append(EffectLine(entry.method, effect.without_method, tuple(parts)))
-    return tuple(lines)
+        lines.append((entry.method, effect.without_method, "; ".join(parts)))
+    return lines
 
 
 Curves = tuple[tuple[BoardEntry, ClearanceCurve], ...]

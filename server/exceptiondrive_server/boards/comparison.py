@@ -3,9 +3,8 @@
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
 
-from exceptiondrive_schemas.board import Board, BoardEntry, FamilyHead, PairedComparison
+from exceptiondrive_schemas.board import Board, BoardEntry, PairedComparison
 from exceptiondrive_schemas.challenges import Challenge, Metric
 from exceptiondrive_schemas.printable import MINUS, counted
 from exceptiondrive_schemas.protocol import ProtocolDocument
@@ -26,14 +25,6 @@ MAX_COMPARED = 6
 LONGEST_NAME = 200
 """A method with its team, uncut."""
 Sheets = tuple[ScoreSheet | None, ScoreSheet | None]
-
-
-class FamilyPair(NamedTuple):
-    """One family: what each of the two reaches in it."""
-
-    head: FamilyHead
-    a: float | None
-    b: float | None
 
 
 @dataclass(frozen=True)
@@ -76,14 +67,6 @@ class Comparison:
     def paired(self) -> PairedComparison | None:
         """The comparison sample by sample, where the board carries one."""
         return find_pair(self.board, self.a_key, self.b_key)
-
-    @property
-    def families(self) -> tuple[FamilyPair, ...]:
-        """What each reaches in each family, in the order of the protocol."""
-        return tuple(
-            FamilyPair(head, *(family_value(one, head.id, self.first) for one in (self.a, self.b)))
-            for head in self.board.families
-        )
 
     def difference(self, metric: Metric) -> str:
         """Write first minus second: sample by sample where that is known, else of the two values."""

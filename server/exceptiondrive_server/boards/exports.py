@@ -282,88 +282,48 @@ EXPORTS: Mapping[str, Export] = {
 
 
 @dataclass(frozen=True)
-class BoardNote:
-    """One board as it was shown once, in sentences in place of its entries: who leads, what is new, why."""
+class FeedItem:
+    """Something that happened to a phase, in words."""
 
-    number: int
-    protocol: str
-    shown_from: datetime
-    findings: str
-    news: str
-    what_changed: tuple[str, ...] = ()
-    """What an update of protocol or split changed; its reason stays with the organizers."""
-    again: int | None = None
-    """Told apart by this where the board was shown before."""
-
-
-@dataclass(frozen=True)
-class PhaseDate:
-    """Something that happened to a phase: `announced`, `opened`, `closed` or `news`, in words."""
-
-    what: str
     at: datetime
-    words: str
-    text: str = ""
-    """More than the words, of news."""
-    anchor: str = ""
-    """Where news stand on the page of the phase."""
+    title: str
+    path: str
+    """The page that tells more."""
+    mark: str = ""
+    """Tells it from others of the same page, behind its path."""
+    summary: str = ""
+    """More than the title."""
 
 
 @dataclass(frozen=True)
-class History:
-    """The boards of a phase, each as often as it was shown, newest first."""
+class Feed:
+    """What happened to a phase: the boards that it showed, each as often as it did, news and dates."""
 
     phase: str
     title: str
-    boards: tuple[BoardNote, ...]
-    dates: tuple[PhaseDate, ...] = ()
+    items: tuple[FeedItem, ...]
 
 
-def atom_feed(history: History, site_url: str) -> str:
+def atom_feed(feed: Feed, site_url: str) -> str:
     """Write the feed of a phase."""
     Xml.register_namespace("", ATOM)
     root = Xml.Element(f"{{{ATOM}}}feed")
-    _text(root, "title", f"ExceptionDrive: {history.title}")
-    _text(root, "id", f"{site_url}/feed.atom?phase={history.phase}")
-    _link(root, f"{site_url}/feed.atom?phase={history.phase}", "self")
-    _link(root, f"{site_url}/?phase={history.phase}", "alternate")
-    times = [one.shown_from for one in history.boards] + [one.at for one in history.dates]
+    _text(root, "title", f"ExceptionDrive: {feed.title}")
+    _text(root, "id", f"{site_url}/feed.atom?phase={feed.phase}")
+    _link(root, f"{site_url}/feed.atom?phase={feed.phase}", "self")
+    _link(root, f"{site_url}/?phase={feed.phase}", "alternate")
+    times = [item.at for item in feed.items]
     _text(root, "updated", iso(max(times)) if times else "1970-01-01T00:00:00Z")
     author = Xml.SubElement(root, f"{{{ATOM}}}author")
     _text(author, "name", "ExceptionDrive")
-    for board in history.boards:
-        _board(root, history, board, site_url)
-    for date in history.dates:
-        _date(root, history, date, site_url)
+    for item in feed.items:
+        entry = Xml.SubElement(root, f"{{{ATOM}}}entry")
+        _text(entry, "title", item.title)
+        _text(entry, "id", f"{site_url}{item.path}{item.mark}")
+        _link(entry, f"{site_url}{item.path}", "alternate")
+        _text(entry, "updated", iso(item.at))
+        _text(entry, "summary", item.summary or item.title)
     return '<?xml version="1.0" encoding="utf-8"?>\n' + Xml.tostring(root, encoding="unicode")
-
-
-def _board(root: Xml.Element, history: History, board: BoardNote, site_url: str) -> None:
-    entry = Xml.SubElement(root, f"{{{ATOM}}}entry")
-    address = f"{site_url}/?phase={history.phase}&board={board.number}"
-    title = f"Board {board.number} of {history.title}"
-    new = "shown again" if board.again else board.news
-    _text(entry, "title", f"{title}: {new.rstrip('.')}" if new else title)
-    _text(entry, "id", f"{address}#again-{board.again}" if board.again else address)
-    _link(entry, address, "alternate")
-    _text(entry, "updated", iso(board.shown_from))
-    said = [
-        f"{title} is shown again" if board.again else board.news,
-        *board.what_changed,
-        board.findings,
-        f"Protocol {board.protocol}",
-    ]
-    _text(entry, "summary", " ".join(f"{words.rstrip('.')}." for words in said if words))
-
-
-def _date(root: Xml.Element, history: History, date: PhaseDate, site_url: str) -> None:
-    entry = Xml.SubElement(root, f"{{{ATOM}}}entry")
-    address = f"{site_url}/phases/{history.phase}"
-    _text(entry, "title", date.words)
-    _text(entry, "id", f"{address}#{date.anchor or f'{date.what}-{iso(date.at)}'}")
-    _link(entry, f"{address}#{date.anchor}" if date.anchor else address, "alternate")
-    _text(entry, "updated", iso(date.at))
-    _text(entry, "summary", date.text or date.words)
 
 
 def _text(parent: Xml.Element, name: str, text: str) -> None:

@@ -43,22 +43,6 @@ def _hardest_first(lines: Iterable[Hardness], metric: Metric) -> tuple[Hardness,
     return tuple(sorted(lines, key=lambda it: it.mean, reverse=metric.better == "lower"))
 
 
-def hardest_families(board: Board) -> tuple[Hardness, ...]:
-    """Return the families of a board, hardest first, by the first metric of its ranked entries.
-
-    A family in which no ranked entry has a value is left out.
-    """
-    metric = challenge_of(board).metrics[0]
-    ranked = [entry for entry in board.entries if entry.rank is not None]
-    found = []
-    for head in board.families:
-        cells = (entry.families.get(head.id) for entry in ranked)
-        values = [v for cell in cells if cell and (v := cell.metrics.get(metric.key)) is not None]
-        if values:
-            found.append(_line(head.id, head.title, head.n, values, metric))
-    return _hardest_first(found, metric)
-
-
 def hardest_tasks(sheets: Sequence[ScoreSheet], taxonomy: Taxonomy, metric: Metric) -> Tasks:
     """Return the tasks, hardest first; those that not all of these sheets tell are left out."""
     found = []
@@ -73,13 +57,6 @@ def hardest_tasks(sheets: Sequence[ScoreSheet], taxonomy: Taxonomy, metric: Metr
 def _line(name: str, title: str, n: int, values: Sequence[float], metric: Metric) -> Hardness:
     best = max(values) if metric.better == "higher" else min(values)
     return Hardness(name, title, n, fmean(values), best, len(values))
-
-
-def order_of(board: Board, hardest: Sequence[Hardness]) -> list[int]:
-    """Places of all families among those of the board: hardest first, those without a mean last."""
-    places = {head.id: place for place, head in enumerate(board.families)}
-    known = [places[line.id] for line in hardest]
-    return [*known, *(place for place in places.values() if place not in known)]
 
 
 class Families(NamedTuple):
@@ -121,9 +98,22 @@ class Families(NamedTuple):
 
 
 def families_of(board: Board) -> Families:
-    """Return the families of a board, hardest first."""
-    hardest = hardest_families(board)
-    return Families(hardest, order_of(board, hardest))
+    """Return the families of a board, hardest first, by the first metric of its ranked entries.
+
+    One in which no ranked entry has a value has no mean, and stands last.
+    """
+    metric = challenge_of(board).metrics[0]
+    ranked = [entry for entry in board.entries if entry.rank is not None]
+    found = []
+    for head in board.families:
+        cells = (entry.families.get(head.id) for entry in ranked)
+        values = [v for cell in cells if cell and (v := cell.metrics.get(metric.key)) is not None]
+        if values:
+            found.append(_line(head.id, head.title, head.n, values, metric))
+    hardest = _hardest_first(found, metric)
+    places = {head.id: place for place, head in enumerate(board.families)}
+    known = [places[line.id] for line in hardest]
+    return Families(hardest, [*known, *(place for place in places.values() if place not in known)])
 
 
 class Dot(NamedTuple):

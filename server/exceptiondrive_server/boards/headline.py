@@ -6,6 +6,7 @@ All of them come from the board's numbers.
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import datetime
+from typing import NamedTuple
 
 from exceptiondrive_records.splits.splits import part_words
 from exceptiondrive_schemas.api.phase_settings import SplitPart
@@ -192,21 +193,17 @@ class BoardBefore:
     """What ranked on it and left."""
 
 
-@dataclass(frozen=True)
-class ChangeLine:
-    """The line, and where the whole history stands."""
+class ChangeLine(NamedTuple):
+    """What is new since the board before."""
 
     words: str
-    history_url: str
-    protocol_url: str | None
-    """The page that says what the new protocol changed."""
+    has_new_protocol: bool = False
 
 
 def change_line(board: Board, before: BoardBefore | None) -> ChangeLine:
     """Say what is new: the protocol, the samples that count, entries, ranks."""
-    history_url = f"/history?phase={board.phase}"
     if before is None:
-        return ChangeLine("This is the first board of its phase.", history_url, None)
+        return ChangeLine("This is the first board of its phase.")
     is_updated = before.protocol != board.protocol.version
     parts = [f"protocol {before.protocol} became {board.protocol.version}"] if is_updated else []
     if before.part != board.part:
@@ -216,9 +213,7 @@ def change_line(board: Board, before: BoardBefore | None) -> ChangeLine:
     parts += moves_on(board, before.left)
     since = f"Since board {before.number} of {day(before.published_at)}"
     words = f"{since}: {'; '.join(parts)}." if parts else f"{since} no rank moved."
-    return ChangeLine(
-        words, history_url, f"/protocols/{board.protocol.version}" if is_updated else None
-    )
+    return ChangeLine(words, is_updated)
 
 
 def moves_on(board: Board, left: Sequence[EntryNews]) -> list[str]:

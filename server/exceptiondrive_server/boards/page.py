@@ -29,7 +29,7 @@ from exceptiondrive_server.boards.charts import (
     scatter_chart,
 )
 from exceptiondrive_server.boards.comparison import MAX_COMPARED, Comparison, default_pair
-from exceptiondrive_server.boards.entry_facts import board_fields, board_name
+from exceptiondrive_server.boards.entry_facts import board_fields
 from exceptiondrive_server.boards.families import Tasks, dot_plot, families_of
 from exceptiondrive_server.boards.headline import (
     BoardBefore,
@@ -64,22 +64,16 @@ class Same(Generic[T]):
 class ShownBoard(NamedTuple):
     """What follows from a board, its protocol and a query; `rows` are the rows of nobody's own.
 
-    `address` is the query that names this very board, `compared_fields` what names it to the
-    comparison. `axes` and `head` belong to the table, `change` tells what is new since the board
-    before.
+    `compared_fields` name it to the comparison, `change` tells what is new since the board before.
     """
 
-    name: str
-    address: str
     table: BoardTable
     headline: Headline
     change: ChangeLine | None
-    axes: Markup
     head: Markup
     rows: dict[str, Markup]
     charts: Markup
     families: Markup
-    metrics: Markup
     compared_fields: tuple[tuple[str, str], ...]
 
 
@@ -127,12 +121,9 @@ def _shown(
         compared_fields=board_fields(board, is_current),
     )
     return ShownBoard(
-        name=board_name(board),
-        address=urlencode(board_fields(board)),
         table=table,
         headline=headline(board, table.builder.challenge, protocol),
         change=change_line(board, before) if board.view == "main" else None,
-        axes=macro("boards/table.html", "axis_symbols")(table),
         head=macro("boards/table.html", "table_head")(table),
         rows={row.key: set_row(row, table, False) for row in table.rows},
         charts=charts,
@@ -143,7 +134,6 @@ def _shown(
             tasks=tasks,
             protocol=protocol,
         ),
-        metrics=_metrics(Same(table.builder.challenge), average),
         compared_fields=board_fields(board, is_current),
     )
 
@@ -257,8 +247,8 @@ class Notice:
     """A sentence above the board, with a way out."""
 
     words: str
-    url: str
-    link_words: str
+    url: str = ""
+    link_words: str = ""
 
 
 @dataclass(frozen=True)
@@ -340,9 +330,8 @@ class BoardPage:
     @property
     def metrics(self) -> Markup:
         """What the numbers mean, as the average that is shown."""
-        if self.shown is not None:
-            return self.shown.metrics
-        return _metrics(Same(self.challenge), self.protocol.grading.headline)
+        shown = self.shown.table.builder.average if self.shown else self.protocol.grading.headline
+        return _metrics(Same(self.challenge), shown)
 
     @cached_property
     def phase_title(self) -> str:
@@ -386,7 +375,7 @@ class BoardPage:
     @cached_property
     def address(self) -> str | None:
         """The query that names this very board."""
-        return self.shown.address if self.shown else None
+        return urlencode(board_fields(self.board)) if self.board else None
 
     @property
     def canonical(self) -> str | None:
@@ -500,20 +489,16 @@ def _kept_back(board: Board, now: PhaseNow) -> Iterator[Notice]:
             f"The board is frozen since {minute(now.frozen_since)}. What is scored from then on is shown "
             "when the organizers reveal the board, for which there is no date."
         )
-        yield Notice(words, "", "")
-    if board.part == "public":
-        words = (
-            f"This board counts {board.n_samples:,} samples, the public part of the split. "
-            "The others count when the organizers reveal them after the deadline."
-        )
-        yield Notice(words, "", "")
-    elif board.part is not None:
+        yield Notice(words)
+    if board.part is not None:
         words = (
             f"This board counts {board.n_samples:,} samples, the {board.part} part of the split."
         )
-        yield Notice(words, "", "")
+        if board.part == "public":
+            words += " The others count when the organizers reveal them after the deadline."
+        yield Notice(words)
     if now.families_shown_from is not None:
-        yield Notice(f"Families are shown from {minute(now.families_shown_from)}.", "", "")
+        yield Notice(f"Families are shown from {minute(now.families_shown_from)}.")
     if now.is_anonymous or any(is_pseudonym(entry.team) for entry in board.entries):
         words = "Teams and methods stand under pseudonyms until the organizers show names."
-        yield Notice(words, "", "")
+        yield Notice(words)

@@ -25,7 +25,7 @@ from exceptiondrive_server.boards.queries import (
     asked_entries,
     phase_link,
     read_board,
-    read_history,
+    read_feed,
     read_phases,
 )
 from exceptiondrive_server.boards.query import (
@@ -191,8 +191,8 @@ def export_board(
 
 @router.get("/feed.atom")
 def feed(request: Request, services: ServicesOf, query: BoardQueryOf) -> Response:
-    """List the newest boards of a phase as an Atom feed."""
+    """Tell what happened to a phase as an Atom feed: its newest boards, news, dates."""
     with services.database.read() as session:
-        history = read_history(session, query)
-    text = atom_feed(history, origin_of(request))
+        told = read_feed(session, query)
+    text = atom_feed(told, origin_of(request))
     return conditional(request, text.encode(), "application/atom+xml", headers=SECURITY_HEADERS)

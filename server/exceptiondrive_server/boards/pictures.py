@@ -5,7 +5,6 @@ plots use too. It reads no network and no file but the fonts named here.
 """
 
 import hashlib
-from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
@@ -23,7 +22,7 @@ from exceptiondrive_server.boards.query import BoardQueryOf
 from exceptiondrive_server.boards.table import Row, RowBuilder
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.etag import conditional
-from exceptiondrive_server.web.numbers import Digits, day, px
+from exceptiondrive_server.web.numbers import Digits, Scale, day
 from exceptiondrive_server.web.responses import SECURITY_HEADERS
 from exceptiondrive_server.web.templating import render
 
@@ -88,23 +87,9 @@ FONTS = sorted(str(path) for path in (Path(__file__).parent / "picture_fonts").g
 WIDTH, HEIGHT = 1200, 630
 LEFT, RIGHT = 64, 1136
 MAX_ROWS = 5
-TRACK = (620, 1000)
+TRACK = Scale((0.0, 100.0), (620.0, 1000.0), ())
+"""The axis of every row."""
 TITLE_SIZE, TITLE_WIDTH = 50, 960
-
-
-@dataclass(frozen=True)
-class PictureRow:
-    """One entry in the picture of a board."""
-
-    y: int
-    rank: str
-    method: str
-    flags: str
-    is_leader: bool
-    value: str
-    low: str | None
-    width: str | None
-    point: str
 
 
 def board_picture(reading: BoardPage) -> str:
@@ -124,6 +109,8 @@ def board_picture(reading: BoardPage) -> str:
         title=in_two_lines(title, TITLE_SIZE, TITLE_WIDTH),
         metric=f"{challenge.metrics[0].label}, %" if board and challenge else "",
         rows=_rows(board, digits) if board else (),
+        leader=board.leader if board else None,
+        track=TRACK,
     )
 
 
@@ -152,34 +139,15 @@ def foot(board: Board) -> str:
     )
 
 
-def _rows(board: Board, digits: Digits) -> tuple[PictureRow, ...]:
-    builder = RowBuilder.of(board, board.headline, digits)
+def _rows(board: Board, digits: Digits) -> list[tuple[Row, str, str]]:
+    """The first entries by rank, each with its name and its flags as they fit."""
+    builder = RowBuilder(board, board.headline, digits)
     ranked = sorted((e for e in board.entries if e.rank is not None), key=lambda e: e.rank or 0)
-    rows = [builder.row(entry) for entry in ranked[:MAX_ROWS]]
-    return tuple(_row(at, row, row.entry is board.leader) for at, row in enumerate(rows))
-
-
-def _row(at: int, row: Row, is_leader: bool) -> PictureRow:
-    room = TRACK[0] - LEFT - 76
-    cell = row.cells[0]
-    whisker = cell.whisker
-    low = whisker.low if whisker else None
-    width = whisker.width if whisker else None
-    return PictureRow(
-        y=318 + 46 * at,
-        rank=row.rank or "–",
-        method=fitted(row.entry.method, 26, room),
-        flags=fitted(flags_of(row.entry), 15, room),
-        is_leader=is_leader,
-        value=cell.text or "none",
-        low=None if low is None else _track(low),
-        width=None if width is None else px(width / 100 * (TRACK[1] - TRACK[0])),
-        point=_track(whisker.point) if whisker else "-99",
-    )
-
-
-def _track(per_cent: float) -> str:
-    return px(TRACK[0] + per_cent / 100 * (TRACK[1] - TRACK[0]))
+    room = TRACK.extent[0] - LEFT - 76
+    return [
+        (builder.row(each), fitted(each.method, 26, room), fitted(flags_of(each), 15, room))
+        for each in ranked[:MAX_ROWS]
+    ]
 
 
 router = APIRouter(include_in_schema=False)

@@ -1,9 +1,9 @@
 """What is read of phases and boards: the one chooser of boards, and what their pages need besides."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from datetime import datetime
 from math import inf
+from typing import NamedTuple
 
 from sqlalchemy import ScalarSelect, func, select
 from sqlalchemy.orm import Session
@@ -50,18 +50,28 @@ from exceptiondrive_schemas.method_facts import NO_FACTS, FactsOfBoard
 from exceptiondrive_schemas.protocol import NEWEST, ProtocolDocument, packaged_protocol
 from exceptiondrive_server.boards.charts import Curves, best_entries
 from exceptiondrive_server.boards.entry_facts import challenge_of
-from exceptiondrive_server.boards.exports import BoardNote, History, PhaseDate
+from exceptiondrive_server.boards.exports import Feed, FeedItem
 from exceptiondrive_server.boards.families import MAX_SHEETS, Tasks, hardest_tasks
 from exceptiondrive_server.boards.headline import BoardBefore, headline, moves_on
 from exceptiondrive_server.boards.page import BoardPage, PhaseLink, of_board
 from exceptiondrive_server.boards.query import BoardQuery
 from exceptiondrive_server.boards.selection import selected_board
 from exceptiondrive_server.web.markdown import plain_text
-from exceptiondrive_server.web.numbers import minute
+from exceptiondrive_server.web.numbers import iso, minute
 
 _NEWEST_BOARDS = 10
 """As many the history of a phase tells of in its feed."""
-_NOTES: Memory[str, BoardNote] = Memory(500)
+
+
+class _Said(NamedTuple):
+    """What a feed says of a board in place of its entries: what is new, who leads, under which protocol."""
+
+    news: str
+    findings: str
+    protocol: str
+
+
+_SAID: Memory[str, _Said] = Memory(500)
 """By what stands for a board: ten long ones are not read for each look at a feed."""
 
 
@@ -359,8 +369,8 @@ def protocol_versions(session: Session, phase_id: str) -> tuple[str, ...]:
     return tuple(session.scalars(query.order_by(ProtocolRow.created_at)))
 
 
-def read_history(session: Session, query: BoardQuery) -> History:
-    """Read the newest boards of a phase, with who leads them in place of their entries.
+def read_feed(session: Session, query: BoardQuery) -> Feed:
+    """Read what happened to a phase: its newest boards, news, dates.
 
     Raises:
         NotFound: The phase does not exist, or there is none at all.
@@ -376,53 +386,63 @@ def read_history(session: Session, query: BoardQuery) -> History:
         .limit(_NEWEST_BOARDS)
     )
     changes = update_words(session, phase.id)
-    notes = tuple(
-        [
-            _note(session, flip, row, changes.get(flip.id, ()))
-            for flip, row in session.execute(newest)
-        ]
-    )
-    return History(
-        phase.id,
-        phase.title,
-        notes,
-        (*_news(session, phase.id), *_dates(phase, database_now(session))),
-    )
+    boards = [
+        _board_item(session, phase, flip, row, changes.get(flip.id, ()))
+        for flip, row in session.execute(newest)
+    ]
+    news = [
+        FeedItem(
+            row.published_at,
+            row.title,
+            f"/phases/{phase.id}#news-{row.id}",
+            summary=plain_text(row.text),
+        )
+        for row in news_of(session, phase.id)
+    ]
+    return Feed(phase.id, phase.title, (*boards, *news, *_dates(phase, database_now(session))))
 
 
-def _news(session: Session, phase_id: str) -> Iterator[PhaseDate]:
-    for row in news_of(session, phase_id):
-        yield PhaseDate("news", row.published_at, row.title, plain_text(row.text), f"news-{row.id}")
-
-
-def _dates(phase: Phase, now: datetime) -> Iterator[PhaseDate]:
+def _dates(phase: Phase, now: datetime) -> Iterator[FeedItem]:
     """What happened to a phase, newest first: a reader of its feed hears of each when it comes."""
+
+    def item(what: str, at: datetime, words: str) -> FeedItem:
+        return FeedItem(at, words, f"/phases/{phase.id}", f"#{what}-{iso(at)}")
+
     if phase.closes_at is not None and phase.closes_at <= now:
-        yield PhaseDate("closed", phase.closes_at, f"{phase.title} has closed")
+        yield item("closed", phase.closes_at, f"{phase.title} has closed")
     if phase.opens_at is not None:
         if phase.opens_at <= now:
-            yield PhaseDate("opened", phase.opens_at, f"{phase.title} is open for submissions")
+            yield item("opened", phase.opens_at, f"{phase.title} is open for submissions")
         if phase.created_at < phase.opens_at:
             words = f"{phase.title} opens {minute(phase.opens_at)}"
-            yield PhaseDate("announced", phase.created_at, words)
+            yield item("announced", phase.created_at, words)
 
 
-def _note(
-    session: Session, flip: BoardFlip, row: BoardRow, what_changed: tuple[str, ...]
-) -> BoardNote:
-    note = _NOTES.get(row.told) or _NOTES.keep(row.told, _note_of_board(session, row), 1)
-    again = None if flip.at == row.told_at else flip.id
-    return replace(note, shown_from=flip.at, what_changed=what_changed, again=again)
+def _board_item(
+    session: Session, phase: Phase, flip: BoardFlip, row: BoardRow, what_changed: tuple[str, ...]
+) -> FeedItem:
+    """Tell of a board as it was shown once: what is new, what an update changed, who leads.
+
+    The reason of an update stays with the organizers.
+    """
+    said = _SAID.get(row.told) or _SAID.keep(row.told, _said_of(session, row), 1)
+    is_again = flip.at != row.told_at
+    title = f"Board {row.number} of {phase.title}"
+    news = f"{title} is shown again" if is_again else said.news
+    short = "shown again" if is_again else said.news
+    told = [news, *what_changed, said.findings, f"Protocol {said.protocol}"]
+    return FeedItem(
+        flip.at,
+        f"{title}: {short.rstrip('.')}" if short else title,
+        f"/?phase={phase.id}&board={row.number}",
+        f"#again-{flip.id}" if is_again else "",
+        " ".join(f"{words.rstrip('.')}." for words in told if words),
+    )
 
 
-def _note_of_board(session: Session, row: BoardRow) -> BoardNote:
+def _said_of(session: Session, row: BoardRow) -> _Said:
     board, protocol = parsed_board(row), find_protocol(session, row.protocol_digest)
     said = headline(board, challenge_of(board), protocol)
     moves = "; ".join(moves_on(board, _left(session, row)))
-    return BoardNote(
-        row.number,
-        protocol.version,
-        board.published_at,
-        " ".join(said.findings),
-        f"{moves[0].upper()}{moves[1:]}." if moves else "",
-    )
+    news = f"{moves[0].upper()}{moves[1:]}." if moves else ""
+    return _Said(news, " ".join(said.findings), protocol.version)

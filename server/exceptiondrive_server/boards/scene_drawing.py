@@ -7,7 +7,7 @@ made. Here it is only set: a road, a car, smooth lines and labels.
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
-from exceptiondrive_schemas.drawing import Outline, Position, ProtocolDrawing, pictured_digest
+from exceptiondrive_schemas.drawing import Outline, Position, ProtocolDrawing, View, pictured_digest
 from exceptiondrive_schemas.protocol import GeometrySection, ProtocolDocument
 from exceptiondrive_schemas.taxonomy import Strategy, Task
 from exceptiondrive_server.web.numbers import px
@@ -57,58 +57,41 @@ class SceneDrawing:
     """Whether it is drawn under this very protocol; else under protocol 1.0, until it is made."""
 
 
-@dataclass(frozen=True)
-class _View:
-    """From metres to SVG coordinates: x to the right, y (left) upwards."""
-
-    scale: float
-    middle_y: float
-
-    def at(self, position: Position) -> tuple[str, str]:
-        return (
-            px((position[0] - LOW_X_M) * self.scale),
-            px(self.middle_y - position[1] * self.scale),
-        )
-
-    def outline(self, outline: Outline) -> str:
-        return " ".join(",".join(self.at(position)) for position in outline)
-
-
 def scene_drawing(drawing: ProtocolDrawing, protocol: ProtocolDocument) -> SceneDrawing:
     """Set the drawing of a protocol."""
     sample, geometry = drawing.sample, protocol.geometry
     assert sample.segment is not None  # made up so that it passes at a distance
     near, boxes = sample.segment, sample.footprints
     scale = WIDTH / (HIGH_X_M - LOW_X_M)
-    view = _View(scale, MARGIN_TOP + 1.5 * LANE_M * scale)
+    view = View(scale, LOW_X_M, MARGIN_TOP / scale + 1.5 * LANE_M, WIDTH, HEIGHT)
     middle = ((near[0][0] + near[1][0]) / 2, (near[0][1] + near[1][1]) / 2)
     lowest = min(y for _, y in sample.region)
     return SceneDrawing(
         width=WIDTH,
         height=HEIGHT,
-        road_top=view.at((0, LANE_M * 1.5))[1],
-        road_bottom=view.at((0, -LANE_M * 0.5 - 1.6))[1],
-        lane_y=view.at((0, LANE_M * 0.5))[1],
-        tube=tuple(view.outline(part) for part in sample.tube),
-        footprints=tuple(view.outline(box) for box in boxes),
+        road_top=_at(view, (0, LANE_M * 1.5))[1],
+        road_bottom=_at(view, (0, -LANE_M * 0.5 - 1.6))[1],
+        lane_y=_at(view, (0, LANE_M * 0.5))[1],
+        tube=tuple(view.points(part) for part in sample.tube),
+        footprints=tuple(view.points(box) for box in boxes),
         edited=_path(view, sample.edited),
         source=_path(view, sample.source),
-        waypoints=tuple(view.at(position) for position in sample.edited[1:]),
-        region=view.outline(sample.region),
+        waypoints=tuple(_at(view, position) for position in sample.edited[1:]),
+        region=view.points(sample.region),
         halo_width=px(2 * sample.d_safe_m * view.scale),
-        region_label=view.at(_centre(sample.region)),
-        clearance=(*view.at(near[0]), *view.at(near[1])),
-        clearance_label=view.at(middle),
-        car=view.outline(_car_part(geometry, (0.0, 1.0), 0.5)),
+        region_label=_at(view, _centre(sample.region)),
+        clearance=(*_at(view, near[0]), *_at(view, near[1])),
+        clearance_label=_at(view, middle),
+        car=view.points(_car_part(geometry, (0.0, 1.0), 0.5)),
         cabin=(
-            view.outline(_car_part(geometry, (0.55, 0.7), 0.34)),
-            view.outline(_car_part(geometry, (0.1, 0.15), 0.3)),
+            view.points(_car_part(geometry, (0.55, 0.7), 0.34)),
+            view.points(_car_part(geometry, (0.1, 0.15), 0.3)),
         ),
-        axis_origin=view.at((0.0, 0.0)),
+        axis_origin=_at(view, (0.0, 0.0)),
         length_line=_dimension(view, boxes[0][2], boxes[0][3], (0.0, -0.35)),
         width_line=_dimension(view, boxes[0][1], boxes[0][2], (-0.35, 0.0)),
-        halo_label=view.at((_centre(sample.region)[0], lowest - sample.d_safe_m)),
-        source_label=view.at(sample.source[min(2, len(sample.source) - 1)]),
+        halo_label=_at(view, (_centre(sample.region)[0], lowest - sample.d_safe_m)),
+        source_label=_at(view, sample.source[min(2, len(sample.source) - 1)]),
         length_m=geometry.footprint_length_m,
         width_m=geometry.footprint_width_m,
         clearance_m=sample.clearance_m or 0.0,
@@ -121,10 +104,15 @@ def scene_drawing(drawing: ProtocolDrawing, protocol: ProtocolDocument) -> Scene
     )
 
 
-def _dimension(view: _View, a: Position, b: Position, away: Position) -> tuple[str, str, str, str]:
+def _at(view: View, position: Position) -> tuple[str, str]:
+    x, y = view.at(position)
+    return px(x), px(y)
+
+
+def _dimension(view: View, a: Position, b: Position, away: Position) -> tuple[str, str, str, str]:
     """A line beside an edge that shows its length."""
     first, second = (a[0] + away[0], a[1] + away[1]), (b[0] + away[0], b[1] + away[1])
-    return (*view.at(first), *view.at(second))
+    return (*_at(view, first), *_at(view, second))
 
 
 def _car_part(geometry: GeometrySection, along: tuple[float, float], across: float) -> Outline:
@@ -141,7 +129,7 @@ def _centre(outline: Outline) -> Position:
     return (sum(x for x, _ in outline) / 4, sum(y for _, y in outline) / 4)
 
 
-def _path(view: _View, trajectory: Outline) -> str:
+def _path(view: View, trajectory: Outline) -> str:
     """A smooth path through the waypoints, running on to the edge of the picture."""
     direction = (
         trajectory[-1][0] - trajectory[-2][0],
@@ -149,14 +137,14 @@ def _path(view: _View, trajectory: Outline) -> str:
     )
     beyond = (trajectory[-1][0] + 2.5 * direction[0], trajectory[-1][1] + 2.5 * direction[1])
     points = [*trajectory, beyond]
-    parts = ["M" + " ".join(view.at(points[0]))]
+    parts = ["M" + " ".join(_at(view, points[0]))]
     for index in range(len(points) - 1):
         before = points[max(index - 1, 0)]
         here, there = points[index], points[index + 1]
         after = points[min(index + 2, len(points) - 1)]
         first = (here[0] + (there[0] - before[0]) / 6, here[1] + (there[1] - before[1]) / 6)
         second = (there[0] - (after[0] - here[0]) / 6, there[1] - (after[1] - here[1]) / 6)
-        parts.append("C" + " ".join(" ".join(view.at(p)) for p in (first, second, there)))
+        parts.append("C" + " ".join(" ".join(_at(view, p)) for p in (first, second, there)))
     return "".join(parts)
 
 

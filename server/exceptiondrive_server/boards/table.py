@@ -3,8 +3,8 @@
 All of it is pure: from a board, a protocol's digits and a query.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Literal
 
@@ -147,51 +147,92 @@ class Row:
 class RowBuilder:
     """What all rows of one board share: axes, best values, the top of the heat scale.
 
-    `axes` are those of the primary metrics, `heat_top` is a fraction, `best_by_family` is of the
-    first metric. All come from every entry of the board, whatever page of it is shown.
+    All come from every entry of the board, whatever page of it is shown; `query` names the columns.
     """
 
     board: Board
     average: Average
     digits: Digits
-    metrics: tuple[Metric, ...]
-    axes: dict[str, Scale]
-    best: dict[str, str | None]
-    heat_top: float
-    best_by_family: dict[str, float]
-    is_current: bool
-    facts: FactsOfBoard
+    query: BoardQuery = field(default_factory=BoardQuery)
+    is_current: bool = True
+    facts: FactsOfBoard = field(default_factory=lambda: NO_FACTS)
 
-    @classmethod
-    def of(
-        cls,
-        board: Board,
-        average: Average,
-        digits: Digits,
-        query: BoardQuery | None = None,
-        is_current: bool = True,
-        facts: FactsOfBoard = NO_FACTS,
-    ) -> "RowBuilder":
-        """Prepare axes and best values from all entries of a board; `query` names the columns."""
-        challenge = challenge_of(board)
-        primary = primary_metrics(challenge)
-        return cls(
-            board=board,
-            average=average,
-            digits=digits,
-            metrics=shown_metrics(challenge, query or BoardQuery()),
-            axes={metric.key: _axis(board, average, metric) for metric in primary},
-            best=_best(board, primary, average, digits),
-            heat_top=_heat_top(board, challenge.metrics[0].key),
-            best_by_family=_best_by_family(board, challenge.metrics[0]),
-            is_current=is_current,
-            facts=facts,
-        )
-
-    @property
+    @cached_property
     def challenge(self) -> Challenge:
         """The challenge of the board."""
         return challenge_of(self.board)
+
+    @cached_property
+    def first(self) -> Metric:
+        """The first metric of the challenge, by which families are compared."""
+        return self.challenge.metrics[0]
+
+    @cached_property
+    def metrics(self) -> tuple[Metric, ...]:
+        """The metrics that are columns."""
+        return shown_metrics(self.challenge, self.query)
+
+    @cached_property
+    def axes(self) -> dict[str, Scale]:
+        """One axis for the column of each primary metric.
+
+        Reference rows do not stretch it, and alone they stand on the whole of it.
+        """
+        entries = [entry for entry in self.board.entries if entry.source != "reference"]
+        axes = {}
+        for metric in primary_metrics(self.challenge):
+            values = [] if entries else [0.0, 1.0]
+            for entry in entries:
+                value = values_of(entry, self.board, self.average).get(metric.key)
+                values += [] if value is None else [value]
+                values += interval_of(entry, self.board, self.average, metric.key) or ()
+            axes[metric.key] = nice_scale(values, (0.0, 100.0), n_ticks=4, floor=0.0, ceiling=1.0)
+        return axes
+
+    @cached_property
+    def _rivals(self) -> list[BoardEntry]:
+        """The entries that may lead: none where there is only one, which is the best of nobody."""
+        fit = [entry for entry in self.board.entries if entry.may_lead]
+        return fit if len(fit) > 1 else []
+
+    @cached_property
+    def _best(self) -> dict[str, str | None]:
+        """Best published text per primary metric."""
+        rows = [values_of(entry, self.board, self.average) for entry in self._rivals]
+        return {
+            metric.key: self.digits.best(metric, (row.get(metric.key) for row in rows))
+            for metric in primary_metrics(self.challenge)
+        }
+
+    @cached_property
+    def _best_by_family(self) -> dict[str, float]:
+        """Best value of the first metric in each family."""
+        best: dict[str, float] = {}
+        better = min if self.first.better == "lower" else max
+        for entry in self._rivals:
+            for family, cell in entry.families.items():
+                value = cell.metrics.get(self.first.key)
+                if value is not None:
+                    best[family] = better(best.get(family, value), value)
+        return best
+
+    @cached_property
+    def heat_top(self) -> float:
+        """A round maximum over the family cells of the ranked entries, as a fraction.
+
+        Of all that are scored where none is ranked, of the reference rows where nothing else is
+        scored. A planner without a rank, such as one that only brakes, does not wash out the colours
+        of the others.
+        """
+        scored = [entry for entry in self.board.entries if entry.source != "reference"]
+        ranked = [entry for entry in scored if entry.rank is not None]
+        values = [
+            value
+            for entry in ranked or scored or self.board.entries
+            for cell in entry.families.values()
+            if (value := cell.metrics.get(self.first.key)) is not None
+        ]
+        return nice_scale(values, (0, 1), n_ticks=6, include=(0.0, 0.05), ceiling=1.0).domain[1]
 
     def row(self, entry: BoardEntry) -> Row:
         """Build one row."""
@@ -214,7 +255,7 @@ class RowBuilder:
 
     def _cell(self, entry: BoardEntry, metric: Metric, value: float | None) -> Cell:
         text = self.digits.text(metric, value)
-        is_best = entry.may_lead and text is not None and text == self.best.get(metric.key)
+        is_best = entry.may_lead and text is not None and text == self._best.get(metric.key)
         axis = self.axes.get(metric.key)
         interval = interval_of(entry, self.board, self.average, metric.key)
         words = "" if text is None else f"{metric.label} {with_unit(metric, text)}"
@@ -245,8 +286,7 @@ class RowBuilder:
         return tuple([self._tile(entry, head.id, head.title) for head in self.board.families])
 
     def _tile(self, entry: BoardEntry, family: str, title: str) -> FamilyTile:
-        metric = self.challenge.metrics[0]
-        cell = entry.families.get(family)
+        metric, cell = self.first, entry.families.get(family)
         value = cell.metrics.get(metric.key) if cell else None
         n = cell.n if cell else None
         text = self.digits.text(metric, value)
@@ -258,7 +298,7 @@ class RowBuilder:
             step=None if value is None else self.heat_step(metric, value),
             is_best=entry.may_lead
             and value is not None
-            and value == self.best_by_family.get(family),
+            and value == self._best_by_family.get(family),
             is_small=n is not None and n < SMALL_FAMILY,
             interval=self.digits.interval(metric, interval) or None,
             words=f"{title}: not told" if text is None else f"{title} {text} %, {n_text}",
@@ -281,60 +321,6 @@ def _whisker(value: float, interval: Interval | None, axis: Scale, words: str) -
 def short_title(title: str) -> str:
     """Return a family title for a narrow column: `Road-Surface Hazard` -> `Road-surface`."""
     return title.capitalize().removesuffix(" conflict").removesuffix(" hazard")
-
-
-def _axis(board: Board, average: Average, metric: Metric) -> Scale:
-    """One axis for the column; reference rows do not stretch it, and alone they stand on the whole of it."""
-    entries = [entry for entry in board.entries if entry.source != "reference"]
-    values = [] if entries else [0.0, 1.0]
-    for entry in entries:
-        value = values_of(entry, board, average).get(metric.key)
-        interval = interval_of(entry, board, average, metric.key)
-        values += [] if value is None else [value]
-        values += [] if interval is None else list(interval)
-    return nice_scale(values, (0.0, 100.0), n_ticks=4, floor=0.0, ceiling=1.0)
-
-
-def _best(
-    board: Board, primary: Sequence[Metric], average: Average, digits: Digits
-) -> dict[str, str | None]:
-    """Best published text per primary metric, among the entries that may lead; None of fewer than two."""
-    rows = [values_of(entry, board, average) for entry in board.entries if entry.may_lead]
-    rows = rows if len(rows) > 1 else []
-    return {
-        metric.key: digits.best(metric, (row.get(metric.key) for row in rows)) for metric in primary
-    }
-
-
-def _heat_top(board: Board, key: str) -> float:
-    """A round maximum over the family cells of the ranked entries; of all that are scored where none is ranked.
-
-    Of the reference rows where nothing else is scored.
-    A planner without a rank, such as one that only brakes, does not wash out the colours of the others.
-    """
-    scored = [entry for entry in board.entries if entry.source != "reference"]
-    values = [
-        value
-        for entry in [entry for entry in scored if entry.rank is not None]
-        or scored
-        or board.entries
-        for cell in entry.families.values()
-        if (value := cell.metrics.get(key)) is not None
-    ]
-    return nice_scale(values, (0, 1), n_ticks=6, include=(0.0, 0.05), ceiling=1.0).domain[1]
-
-
-def _best_by_family(board: Board, metric: Metric) -> dict[str, float]:
-    """Best value of a metric in each family, among the entries that may lead; of fewer than two, none."""
-    best: dict[str, float] = {}
-    better = min if metric.better == "lower" else max
-    fit = [entry for entry in board.entries if entry.may_lead]
-    for entry in fit if len(fit) > 1 else ():
-        for family, cell in entry.families.items():
-            value = cell.metrics.get(metric.key)
-            if value is not None:
-                best[family] = better(best.get(family, value), value)
-    return best
 
 
 def outcome_bar(challenge: Challenge, values: MetricRow, digits: Digits) -> OutcomeBar | None:
@@ -381,11 +367,15 @@ def _movement(entry: BoardEntry, board: Board) -> Movement | None:
 
 
 Order = Literal["ascending", "descending"]
-_DIRECTION_WORDS = {
+_DIRECTION_WORDS: Mapping[str | None, Mapping[Order, str]] = {
     "higher": {"descending": "best first", "ascending": "worst first"},
     "lower": {"ascending": "best first", "descending": "worst first"},
     None: {"descending": "largest first", "ascending": "smallest first"},
+    "method": {"ascending": "A to Z", "descending": "Z to A"},
+    "date": {"descending": "newest first", "ascending": "oldest first"},
 }
+"""Of each way in which a metric is better, and of what is no metric: the direction that is asked for first,
+and the other."""
 _BETTER_WORDS = {"higher": "higher is better", "lower": "lower is better", None: "not a score"}
 
 
@@ -423,62 +413,36 @@ def shown_metrics(challenge: Challenge, query: BoardQuery) -> tuple[Metric, ...]
     return tuple([m for m in challenge.metrics if m.shown in kinds and kinds[m.shown](m.key)])
 
 
-def method_column(challenge: Challenge, query: BoardQuery) -> Column:
-    """Return the head of the method column."""
-    order, url = _sorting(challenge, query, "method")
-    words = "sorted A to Z" if order == "ascending" else "sorted Z to A" if order else "sort A to Z"
-    label = challenge.words.subject.capitalize()
-    return Column("method", "", label, "", "", "Method and team", "date", url, order, words)
-
-
-def date_column(challenge: Challenge, query: BoardQuery) -> Column:
-    """Return the head of the date column."""
-    order, url = _sorting(challenge, query, "date")
-    words = {None: "sort, newest first", "descending": "sorted, newest first"}.get(
-        order, "sorted, oldest first"
-    )
-    return Column("date", "", "Submitted", "", "", "Date of submission", "date", url, order, words)
-
-
 def _metric_column(
     challenge: Challenge, metric: Metric, query: BoardQuery, ranks_by: str | None
 ) -> Column:
-    order, url = _sorting(challenge, query, metric.key, ranks_by)
-    first: Order = "descending" if _first_sort(challenge, metric.key)[0] == "-" else "ascending"
-    words = _DIRECTION_WORDS[metric.better][order or first]
     is_component = metric.label.startswith("CTS") and len(metric.label) == 4
     return Column(
-        key=metric.key,
-        plain=metric.plain,
-        label=metric.label[:3] if is_component else metric.label,
-        subscript=metric.label[3:] if is_component else "",
-        unit=unit_of(metric),
-        title=f"{metric.title}, {_BETTER_WORDS[metric.better]}. {metric.meaning}",
-        kind=metric.role,
-        sort_url=url,
-        aria_sort=order,
-        sort_words=f"sorted, {words}" if order else f"sort, {words}",
+        metric.key,
+        metric.plain,
+        metric.label[:3] if is_component else metric.label,
+        metric.label[3:] if is_component else "",
+        unit_of(metric),
+        f"{metric.title}, {_BETTER_WORDS[metric.better]}. {metric.meaning}",
+        metric.role,
+        *_sorting(query, metric.key, metric.better, is_by_rank=metric.key == ranks_by),
     )
 
 
-def _first_sort(challenge: Challenge, key: str) -> str:
-    """How a column is sorted first: a metric best first, a date newest first."""
-    is_low_first = key in challenge.metric_keys and challenge.metric(key).better == "lower"
-    return key if key == "method" or is_low_first else f"-{key}"
-
-
 def _sorting(
-    challenge: Challenge, query: BoardQuery, key: str, ranks_by: str | None = None
-) -> tuple[Order | None, str]:
-    """The direction in which `key` sorts now, if it does, and the address that sorts by it."""
-    first = _first_sort(challenge, key)
-    is_by_rank = query.sort == BY_RANK and key == ranks_by
-    sort = first if is_by_rank else query.sort
-    if sort.removeprefix("-") != key:
-        return None, query.url(sort=first, anchor=f"s-{key}")
-    if sort.startswith("-"):
-        return "descending", query.url(sort=key, anchor=f"s-{key}")
-    return "ascending", query.url(sort=f"-{key}", anchor=f"s-{key}")
+    query: BoardQuery, key: str, way: str | None, *, is_by_rank: bool = False
+) -> tuple[str, Order | None, str]:
+    """The address that sorts by a column, the direction in which it sorts now, if it does, and words."""
+    words = _DIRECTION_WORDS[way]
+    first, other = words
+    order: Order | None = None
+    if query.sort_key == key:
+        order = "descending" if query.sort.startswith("-") else "ascending"
+    elif query.sort == BY_RANK and is_by_rank:
+        order = first
+    asked = other if order == first else first
+    url = query.url(sort=key if asked == "ascending" else f"-{key}", anchor=f"s-{key}")
+    return url, order, f"sorted, {words[order]}" if order else f"sort, {words[first]}"
 
 
 @dataclass(frozen=True)
@@ -513,7 +477,7 @@ class BoardTable:
     @cached_property
     def first_axis(self) -> tuple[str, str]:
         """Where the lines of the first column, a share, begin and end, in per cent."""
-        low, high = self.builder.axes[self.builder.challenge.metrics[0].key].domain
+        low, high = self.builder.axes[self.builder.first.key].domain
         return f"{100 * low:g}", f"{100 * high:g}"
 
     @property
@@ -565,13 +529,17 @@ class BoardTable:
     @cached_property
     def method_column(self) -> Column:
         """Head of the column of methods."""
-        return method_column(self.builder.challenge, self.query)
+        label = self.builder.challenge.words.subject.capitalize()
+        sorting = _sorting(self.query, "method", "method")
+        return Column("method", "", label, "", "", "Method and team", "date", *sorting)
 
     @cached_property
     def date_column(self) -> Column | None:
         """Head of the column of dates, if it is shown."""
-        is_shown = "date" in self.query.added
-        return date_column(self.builder.challenge, self.query) if is_shown else None
+        if "date" not in self.query.added:
+            return None
+        sorting = _sorting(self.query, "date", "date")
+        return Column("date", "", "Submitted", "", "", "Date of submission", "date", *sorting)
 
     @cached_property
     def fact_choices(self) -> list[tuple[str, list[FactChip]]]:
@@ -591,16 +559,14 @@ class BoardTable:
     @cached_property
     def sort_choices(self) -> list[tuple[str, str, bool]]:
         """What a reader may sort by without the head of the table, as `row_choices`."""
-        first = self.builder.challenge.metrics[0]
         offered = [(BY_RANK, "rank"), ("method", "name"), ("-date", "newest first")]
         for column in self.columns:
-            for sign, order in (("-", "descending"), ("", "ascending")):
-                words = _DIRECTION_WORDS[self.builder.challenge.metric(column.key).better][order]
-                offered.append(
-                    (f"{sign}{column.key}", f"{column.label}{column.subscript}, {words}")
-                )
-        families = [(f"-family.{id}", short) for id, _, short, *_ in self.family_heads]
-        offered += [(key, f"{first.label} in {title.lower()}") for key, title in families]
+            metric = self.builder.challenge.metric(column.key)
+            for order, words in _DIRECTION_WORDS[metric.better].items():
+                sort = metric.key if order == "ascending" else f"-{metric.key}"
+                offered.append((sort, f"{metric.label}, {words}"))
+        for id, _, short, *_ in self.family_heads:
+            offered.append((f"-family.{id}", f"{self.builder.first.label} in {short.lower()}"))
         if self.query.sort not in dict(offered):
             offered.append((self.query.sort, self.query.sort))
         return [(key, words, key == self.query.sort) for key, words in offered]
@@ -703,7 +669,7 @@ class BoardTable:
 
         Empty where no entry tells the first metric of any.
         """
-        first = self.builder.challenge.metrics[0].key
+        first = self.builder.first.key
         cells = (cell for entry in self.board.entries for cell in entry.families.values())
         if all(cell.metrics.get(first) is None for cell in cells):
             return []
@@ -748,7 +714,7 @@ def board_table(
     query = query.model_copy(update=columns)
     average = query.average or board.headline
     digits = Digits.of(protocol.publication, has_fine_intervals=board.has_fine_intervals)
-    builder = RowBuilder.of(board, average, digits, query, is_current, facts)
+    builder = RowBuilder(board, average, digits, query, is_current, facts)
     found = sort_entries(board, found_entries(board, query, facts), query.sort, average)
     by_source = {source: [e for e in found if e.source == source] for source in SOURCES}
     n_rows = PAGE_ROWS[query.rows]

@@ -48,7 +48,6 @@ def compare_page(reading: ComparedEntries) -> dict[str, Any]:
         "has_room": len(keys) < MAX_COMPARED,
         "both": None,
         "kept_fields": board_fields(board, shown.is_current) if board else (),
-        "picture_url": _picture_url(board),
     }
     if board is None or len(entries) < 2:
         return page
@@ -76,12 +75,6 @@ def compare_page(reading: ComparedEntries) -> dict[str, Any]:
         "address": compare_address(board_fields(board), keys),
         "swap_url": compare_address(fields, (keys[1], keys[0], *keys[2:])),
     }
-
-
-def _picture_url(board: Board | None) -> str:
-    """Address of the picture that other sites show."""
-    fields = board_fields(board) if board and board.view == "main" else ()
-    return "/pictures/board.png" + (f"?{urlencode(fields)}" if fields else "")
 
 
 def compare_address(fields: Sequence[tuple[str, str]], keys: Sequence[str]) -> str:

@@ -130,7 +130,6 @@ class Motion:
 
     family: str
     task: Task
-    sample_id: str
     url: str | None
     runs: tuple[Run, ...]
     time_step_s: float
@@ -213,7 +212,6 @@ def motion(
     return Motion(
         family=families[first.family],
         task=protocol.taxonomy.task(first.task),
-        sample_id=first.sample_id,
         url=url,
         runs=tuple(Run(name, sample, view, axes) for name, sample in runs),
         time_step_s=protocol.geometry.time_step_s,

@@ -25,7 +25,7 @@ def entry_picture(reading: EntryData) -> str:
     board, entry = reading.board, reading.entry
     publication = reading.protocol.publication
     digits = Digits.of(publication, has_fine_intervals=board.has_fine_intervals)
-    builder = RowBuilder.of(board, board.headline, digits)
+    builder = RowBuilder(board, board.headline, digits)
     row, first = builder.row(entry), challenge_of(board).metrics[0]
     position = position_of(row, board)
     figures = [("Rank", position.rank, position.note or ("not ranked" if position.reason else ""))]

@@ -21,7 +21,7 @@ from exceptiondrive_server.boards.entry_facts import (
     entry_url,
     values_of,
 )
-from exceptiondrive_server.boards.families import DOT_WIDE, DOT_WIDTH, DotPlot, dot_plot
+from exceptiondrive_server.boards.families import DOT_WIDE, dot_plot
 from exceptiondrive_server.boards.query import AVERAGE_TITLES, OTHER_AVERAGE
 from exceptiondrive_server.boards.table import (
     NO_OTHER,
@@ -70,13 +70,15 @@ def entry_page(reading: EntryData) -> dict[str, Any]:
     board, entry, sheet = reading.board, reading.entry, reading.sheet
     challenge, publication = challenge_of(board), reading.protocol.publication
     digits = Digits.of(publication, has_fine_intervals=board.has_fine_intervals)
-    builder = RowBuilder.of(board, board.headline, digits, is_current=reading.is_current)
+    builder = RowBuilder(board, board.headline, digits, is_current=reading.is_current)
     row, plausibility = builder.row(entry), reading.protocol.plausibility
     other = OTHER_AVERAGE[board.headline]
     effects = effect_table(board, entry, digits)
     curve = sheet.clearance_curve if sheet else None
     shown = panels(reading)
     curves = ((entry, curve),) if curve else ()
+    others = [other for other in best_entries(board) if other is not entry][:2]
+    beside = [entry, *others] if others and not shown else []  # where no scene of it can be drawn
     board_query = urlencode(board_fields(board, reading.is_current))
     return {
         "reading": reading,
@@ -91,8 +93,8 @@ def entry_page(reading: EntryData) -> dict[str, Any]:
         "parts": tuple(_parts(reading, challenge.metrics[0])),
         "metrics": [metric for metric in challenge.metrics if metric.shown != "details"],
         "details": _details(board, entry),
-        "beside_others": None if shown else _beside_others(board, entry, digits),
-        "beside_wide": None if shown else _beside_others(board, entry, digits, DOT_WIDE),
+        "beside_others": dot_plot(board, beside, digits),
+        "beside_wide": dot_plot(board, beside, digits, DOT_WIDE),
         "board_query": board_query,
         "curve": curve_chart(curves, board.headline, digits),
         "bars": clearance_bars(curve) if curve else (),
@@ -145,17 +147,6 @@ def _past_axis(reading: EntryData, metric: Metric) -> Scale:
         values += [past.entry.metrics.get(metric.key), *interval]
     known = [value for value in values if value is not None]
     return nice_scale(known, (0.0, 100.0), n_ticks=4, floor=0.0, ceiling=1.0)
-
-
-def _beside_others(
-    board: Board, entry: BoardEntry, digits: Digits, width: int = DOT_WIDTH
-) -> DotPlot | None:
-    """An entry by family beside the best two others; where no scene of it can be drawn.
-
-    None where nobody else is ranked.
-    """
-    others = [other for other in best_entries(board) if other is not entry]
-    return dot_plot(board, [entry, *others[:2]], digits, width) if others else None
 
 
 def _picture_query(board: Board) -> str:

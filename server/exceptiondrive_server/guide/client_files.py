@@ -25,9 +25,7 @@ from exceptiondrive_server.web.services import Services
 router = APIRouter(include_in_schema=False)
 CLIENT = "exceptiondrive"
 RECORDER = "exceptiondrive/recorder.py"
-_WHEEL = re.compile(
-    r"(?P<project>\w+(?:\.\w+)*)-(?P<version>[\w.+!]+)(-\w+)?-[\w.]+-[\w.]+-[\w.]+\.whl"
-)
+_WHEEL = re.compile(r"(?P<project>\w+(?:\.\w+)*)-[\w.+!]+(-\w+)?-[\w.]+-[\w.]+-[\w.]+\.whl")
 FileName = Annotated[str, PathParameter(max_length=200)]
 
 
@@ -37,7 +35,6 @@ class Wheel(NamedTuple):
     path: Path
     project: str
     """In small letters, with hyphens."""
-    version: str
     size_bytes: int
     digest: str
     requires_python: str
@@ -85,7 +82,6 @@ def _wheel(path: Path, size_bytes: int, changed_ns: int) -> Wheel:
     return Wheel(
         path,
         _normal(named["project"]),
-        named["version"],
         size_bytes,
         digest,
         needs[1].decode().strip() if needs else "",

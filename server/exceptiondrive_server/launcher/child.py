@@ -1,4 +1,4 @@
-"""One supervised process: its own group and log, and it never outlives the launcher."""
+"""The processes of the launcher: one that is supervised, and never outlives it, and one that ends by itself."""
 
 import ctypes
 import os
@@ -16,6 +16,28 @@ _MAX_LOG_BYTES = 10 * 2**20
 _STEADY_AFTER_S = 30.0
 _LONGEST_PAUSE_S = 30.0
 _LINES_SHOWN = 12
+
+
+Say = Callable[[str], None]
+"""Tells whoever started this."""
+
+
+class LaunchError(Exception):
+    """The launcher cannot go on; `str()` says why and what to do."""
+
+
+def run_step(command: list[str], environment: Mapping[str, str]) -> str:
+    """Run a command of ours to its end and return what it printed.
+
+    Raises:
+        LaunchError: It failed; its own words are part of the text.
+    """
+    done = subprocess.run(
+        command, env=dict(environment), capture_output=True, text=True, check=False
+    )
+    if done.returncode != 0:
+        raise LaunchError(f"`{' '.join(command[1:])}` failed:\n{done.stderr or done.stdout}")
+    return done.stdout
 
 
 @dataclass(frozen=True)
@@ -145,7 +167,3 @@ def die_with_parent(launcher_pid: int) -> Callable[[], None] | None:
 def _rotate(log: Path) -> None:
     if log.exists() and log.stat().st_size > _MAX_LOG_BYTES:
         log.replace(log.with_suffix(".log.1"))
-
-
-class LaunchError(Exception):
-    """The launcher cannot go on; `str()` says why and what to do."""

@@ -10,6 +10,7 @@ import urllib.error
 import urllib.request
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass, field
 from http import HTTPStatus
 from pathlib import Path
 from types import FrameType
@@ -23,22 +24,21 @@ from exceptiondrive_records.phases.phases import list_phases
 from exceptiondrive_records.phases.policy import is_open
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_server.launcher.broker import broker_command, find_broker_binary, socket_path
-from exceptiondrive_server.launcher.child import Child, ChildPlan, LaunchError, die_with_parent
+from exceptiondrive_server.launcher.child import Child, ChildPlan, LaunchError, Say, die_with_parent
 from exceptiondrive_server.launcher.layout import (
     Address,
     BrokerFolder,
-    DataLock,
     Layout,
     banner,
     broker_plan,
+    data_lock,
     find_command,
     service_plans,
     shared_environment,
     worker_environment,
 )
 from exceptiondrive_server.launcher.own_split import open_phase_on
-from exceptiondrive_server.launcher.sample import PHASES, tell
-from exceptiondrive_server.launcher.steps import Say
+from exceptiondrive_server.launcher.sample import PHASES, tell_page
 from exceptiondrive_server.launcher.users import own_user_of_server
 
 _TICK_S = 0.1
@@ -47,27 +47,18 @@ _BROKER_START_S = 10.0
 _DEATHS_BEFORE_GIVING_UP = 3
 
 
+@dataclass
 class Launcher:
     """The embedded default on one DATA folder; `run` returns when a signal has ended it."""
 
-    def __init__(
-        self,
-        layout: Layout,
-        address: Address,
-        *,
-        with_sample: bool,
-        own_split: Path | None,
-        say: Say,
-    ) -> None:
-        self.layout = layout
-        self._lock = DataLock(layout)
-        self.address = address
-        self.with_sample = with_sample
-        self.own_split = own_split
-        self.say = say
-        self.children: list[Child] = []
-        self._sample: subprocess.Popen[bytes] | None = None
-        self._signals = 0
+    layout: Layout
+    address: Address
+    with_sample: bool
+    own_split: Path | None
+    say: Say
+    children: list[Child] = field(default_factory=list, init=False)
+    _sample: subprocess.Popen[bytes] | None = field(default=None, init=False)
+    _signals: int = field(default=0, init=False)
 
     def run(self) -> None:
         """Run until SIGINT or SIGTERM.
@@ -76,29 +67,26 @@ class Launcher:
             LaunchError: It cannot start; the text says why.
         """
         self.layout.create()
-        self._lock.take()
-        require_free_port(self.address)
-        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-            signal.signal(number, self._on_signal)
-        self.say("starting ...")
-        folder = BrokerFolder(self.layout)
-        try:
-            shared = self._start_all(folder)
-            self._watch(shared)
-        finally:
-            self._end_all()
-            folder.remove()
-            self._lock.release()
+        with data_lock(self.layout):
+            require_free_port(self.address)
+            for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+                signal.signal(number, self._on_signal)
+            self.say("starting ...")
+            folder = BrokerFolder(self.layout)
+            try:
+                self._watch(self._start_all(folder))
+            finally:
+                self._end_all()
+                folder.remove()
 
     def _start_all(self, folder: BrokerFolder) -> dict[str, str]:
         given_url = os.environ.get("EXCEPTIONDRIVE_BROKER_URL")
         shared = shared_environment(self.layout, self.address, given_url or folder.url)
         self._migrate(shared)
         with _records(shared) as database:
-            doing = "the server starts" if self.with_sample else ""
-            tell(database, lambda words: None, doing)
-        if self.own_split is not None:
-            self._open_phase(self.own_split, shared)
+            tell_page(database, "the server starts" if self.with_sample else "")
+            if self.own_split is not None:
+                open_phase_on(self.own_split, self.layout, shared, database, self.say)
         user, words = own_user_of_server(self.layout.data)
         self.say(words)
         if given_url:
@@ -112,9 +100,9 @@ class Launcher:
 
     def _start_broker(self, folder: BrokerFolder, user: int | None) -> None:
         binary = find_broker_binary()
-        self.say(f"broker: {binary.origin}, private, on a unix socket")
+        self.say(f"broker: {binary}, private, on a unix socket")
         socket_path(folder.path).unlink(missing_ok=True)
-        command = broker_command(binary.path, folder.path)
+        command = broker_command(binary, folder.path)
         if user is not None:
             folder.give_to(user)
         child = self._start(broker_plan(self.layout, command, user))
@@ -132,10 +120,6 @@ class Launcher:
             prepare(url)
         except (SQLAlchemyError, CommandError) as error:
             raise LaunchError(f"the records could not be brought up to date: {error}") from None
-
-    def _open_phase(self, split_file: Path, shared: Mapping[str, str]) -> None:
-        with _records(shared) as database:
-            open_phase_on(split_file, self.layout, shared, database, self.say)
 
     def _phase_to_try(self, shared: Mapping[str, str]) -> str | None:
         """Return a phase that takes files, for the first steps that are told; None: there is none."""
@@ -284,7 +268,4 @@ def launch(
         LaunchError: It cannot start; the text says why.
     """
     os.umask(0o077)  # records and logs hold what other users of the machine must not read
-    launcher = Launcher(
-        Layout(data), address, with_sample=with_sample, own_split=own_split, say=say
-    )
-    launcher.run()
+    Launcher(Layout(data), address, with_sample, own_split, say).run()

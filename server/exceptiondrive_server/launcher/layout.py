@@ -10,7 +10,6 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO
 
 from exceptiondrive_records.db.settings import PREFIX, folder_settings
 from exceptiondrive_server.launcher.broker import broker_url, is_short_enough
@@ -62,41 +61,28 @@ class Layout:
         }
 
 
-class DataLock:
-    """Holds DATA for one launcher; released by the kernel, however the launcher ends."""
+@contextmanager
+def data_lock(layout: Layout) -> Iterator[None]:
+    """Hold DATA for one launcher; the kernel lets go of it, however the launcher ends.
 
-    def __init__(self, layout: Layout) -> None:
-        self._path = layout.data / "launcher.lock"
-        self._file: IO[str] | None = None
-
-    def take(self) -> None:
-        """Take the lock.
-
-        Raises:
-            LaunchError: Another launcher has it.
-        """
-        held = self._path.open("a+")
+    Raises:
+        LaunchError: Another launcher has it.
+    """
+    with (layout.data / "launcher.lock").open("a+") as held:
         try:
             fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             held.seek(0)
             owner = held.read().strip()
-            held.close()
             by = f" (process {owner})" if owner else ""
             raise LaunchError(
-                f"{self._path.parent} is in use by another `exceptiondrive-server run`{by}. "
+                f"{layout.data} is in use by another `exceptiondrive-server run`{by}. "
                 "Stop that one, or choose another folder with --data."
             ) from None
         held.truncate(0)
         held.write(str(os.getpid()))
         held.flush()
-        self._file = held
-
-    def release(self) -> None:
-        """Give the folder back."""
-        if self._file is not None:
-            self._file.close()
-            self._file = None
+        yield
 
 
 class BrokerFolder:

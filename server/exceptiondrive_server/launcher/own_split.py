@@ -16,8 +16,8 @@ from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_schemas.api.phase_settings import NewPhase
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.printable import counted
+from exceptiondrive_server.launcher.child import Say, run_step
 from exceptiondrive_server.launcher.layout import Layout, find_command, worker_environment
-from exceptiondrive_server.launcher.steps import Say, run_step
 
 ACTOR = "operator:run"
 

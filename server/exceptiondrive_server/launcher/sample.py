@@ -3,7 +3,6 @@
 import os
 import subprocess
 import time
-from dataclasses import dataclass
 from pathlib import Path
 
 from pydantic import TypeAdapter
@@ -24,9 +23,8 @@ from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.base import Document
 from exceptiondrive_schemas.challenges import PLANNING, STRATEGY, ChallengeId
 from exceptiondrive_schemas.protocol import NEWEST, packaged_protocol_toml
-from exceptiondrive_server.launcher.child import LaunchError
+from exceptiondrive_server.launcher.child import LaunchError, Say, run_step
 from exceptiondrive_server.launcher.layout import Layout, find_command, worker_environment
-from exceptiondrive_server.launcher.steps import Say, run_step
 
 SPLIT = "sample"
 ACTOR = "operator:sample"
@@ -51,31 +49,36 @@ class Planner(Document):
         return PHASES[self.challenge].id
 
 
-@dataclass(frozen=True)
-class SamplePhase:
-    """The phase of one challenge on the sample split."""
-
-    id: str
-    title: str
-    description: str
+def _phase(challenge: ChallengeId, phase_id: str, title: str, description: str) -> NewPhase:
+    return NewPhase(
+        id=phase_id,
+        challenge=challenge,
+        title=title,
+        description=description,
+        split=SPLIT,
+        protocol=NEWEST,
+        quota_per_day=200,
+        rejected_per_day=500,
+        shows_reported=True,
+    )
 
 
 PHASES = {
-    PLANNING.id: SamplePhase(
+    PLANNING.id: _phase(
+        PLANNING.id,
         "sample",
         "Development",
         "Synthetic samples whose regions are public: try your files here. "
         "`exceptiondrive evaluate` gives the same scores on your machine.",
     ),
-    STRATEGY.id: SamplePhase(
+    STRATEGY.id: _phase(
+        STRATEGY.id,
         "sample-strategy",
         "Strategy development",
         "The same synthetic samples for agents that answer A to E, with or without a reminder. "
         "Link two submissions with `--without-reminder`, and the board shows the effect.",
     ),
 }
-
-
 TEAM, TEAM_NAME = "exceptiondrive-baselines", "ExceptionDrive baselines"
 TOKEN_FILE = "sample-token"
 
@@ -88,8 +91,8 @@ def seed_sample(database: Database, layout: Layout) -> None:
     """
     with database.write() as session:
         add_protocol(session, packaged_protocol_toml(NEWEST), ACTOR)
-        for challenge, phase in PHASES.items():
-            _make_phase(session, challenge, phase)
+        for phase in PHASES.values():
+            _make_phase(session, phase)
         _make_team(session, layout.data / TOKEN_FILE)
 
 
@@ -102,50 +105,42 @@ def fill_sample(database: Database, layout: Layout, server_url: str, say: Say) -
     try:
         _fill(database, layout, server_url, say)
     finally:
-        tell(database, lambda words: None, "")
+        tell_page(database, "")
 
 
 def _fill(database: Database, layout: Layout, server_url: str, say: Say) -> None:
+    def tell(doing: str) -> None:
+        say(f"sample: {doing}")
+        tell_page(database, doing)
+
     worker = find_command("exceptiondrive-worker")
     environment = worker_environment(layout, {**os.environ, **layout.environment(os.environ)})
-    tell(database, say, "making its scenes and their hazards")
+    tell("making its scenes and their hazards")
     run_step([worker, "seed-sample"], environment)
     seed_sample(database, layout)
     listing = layout.planners / "planners.json"
     if not listing.exists():
         layout.planners.mkdir(parents=True, exist_ok=True)
-        tell(database, say, "making the files of the synthetic planners")
+        tell("making the files of the synthetic planners")
         run_step([worker, "make-planners", str(layout.planners)], environment)
     planners = TypeAdapter(tuple[Planner, ...]).validate_json(listing.read_bytes())
     missing = [it for it in planners if _submission_of(database, it, it.method) is None]
     if missing:
-        tell(database, say, f"{len(missing)} synthetic planners are submitted and scored")
+        tell(f"{len(missing)} synthetic planners are submitted and scored")
         _submit_all(database, missing, layout, server_url, say)
 
 
-def tell(database: Database, say: Say, doing: str) -> None:
-    """Say what is being made on the terminal and, until the first board stands, on the page."""
-    say(f"sample: {doing}")
+def tell_page(database: Database, doing: str) -> None:
+    """Say on the page what is being made, until the first board stands; nothing ends it."""
     with database.write() as session:
         say_preparing(session, f"The sample is being made: {doing}." if doing else "")
 
 
-def _make_phase(session: Session, challenge: ChallengeId, phase: SamplePhase) -> None:
+def _make_phase(session: Session, phase: NewPhase) -> None:
     try:
         find_phase(session, phase.id)
     except NotFound:
-        new = NewPhase(
-            id=phase.id,
-            challenge=challenge,
-            title=phase.title,
-            description=phase.description,
-            split=SPLIT,
-            protocol=NEWEST,
-            quota_per_day=200,
-            rejected_per_day=500,
-            shows_reported=True,
-        )
-        create_phase(session, new, actor=ACTOR)
+        create_phase(session, phase, actor=ACTOR)
 
 
 def _make_team(session: Session, token_file: Path) -> None:

@@ -14,7 +14,7 @@ from importlib import resources
 from pathlib import Path
 from string import Template
 
-from exceptiondrive_server.launcher.broker import NoBrokerError, find_broker_binary
+from exceptiondrive_server.launcher.broker import find_broker_binary
 from exceptiondrive_server.launcher.child import LaunchError
 from exceptiondrive_server.launcher.users import SERVER_USER
 from exceptiondrive_server.operations.secrets import (
@@ -78,7 +78,8 @@ class BareServer:
         """
         if os.geteuid() != 0:
             raise LaunchError("only root can give folders and secrets to the services' users")
-        programs = {"nginx": str(_find_nginx()), "broker": str(_find_broker())}
+        nginx = _find_nginx()
+        programs = {"nginx": str(nginx), "broker": str(find_broker_binary())}
         for name, (user, mode) in _FOLDERS.items():
             path = self.folder / name
             path.mkdir(parents=True, exist_ok=True)
@@ -100,7 +101,7 @@ class BareServer:
             place = _BESIDE.get(name, f"systemd/{name}")
             filled = Template(text).substitute(programs, folder=self.folder, programs=self.programs)
             self._put(place, filled, 0, 0o755 if name == "as.sh" else 0o644)
-        self._put("etc/nginx.conf", self._nginx(_find_nginx()), 0, 0o644)
+        self._put("etc/nginx.conf", self._nginx(nginx), 0, 0o644)
         return made
 
     def _put(self, name: str, text: str, user: int, mode: int) -> None:
@@ -222,13 +223,6 @@ def _find_nginx() -> Path:
     if found is None:
         raise LaunchError("no nginx is installed; install it, and leave its own service off")
     return Path(found)
-
-
-def _find_broker() -> Path:
-    try:
-        return find_broker_binary().path
-    except NoBrokerError:
-        raise LaunchError("no broker is installed; install valkey-server or redis-server") from None
 
 
 def programs_of_this() -> Path:

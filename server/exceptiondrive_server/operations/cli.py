@@ -151,16 +151,6 @@ def reconcile(data: DataOption = None) -> None:
             dispatcher.close()
 
 
-@app.command("seed-sample")
-def seed_sample_command(data: DataOption = None) -> None:
-    """Make the sample phase, its teams and their token files; the split must be registered."""
-    from exceptiondrive_server.launcher.sample import seed_sample
-
-    layout, database = _sample(data)
-    seed_sample(database, layout)
-    say(f"phase `sample` is ready; token in {layout.data / 'sample-token'}")
-
-
 @app.command("fill-sample", hidden=True)
 def fill_sample_command(
     server: Annotated[str, typer.Option("--server", help="Address of the running server.")],
@@ -169,14 +159,10 @@ def fill_sample_command(
     """Register the sample split, seed, and submit the synthetic planners."""
     from exceptiondrive_server.launcher.sample import fill_sample
 
-    layout, database = _sample(data)
-    fill_sample(database, layout, server, say)
-
-
-def _sample(data: Path | None) -> tuple[Layout, Database]:
     layout = Layout(data if data is not None else Path("data"))
     layout.create()
-    return layout, Database(load_settings(RecordsSettings, data).database_url)
+    database = Database(load_settings(RecordsSettings, data).database_url)
+    fill_sample(database, layout, server, say)
 
 
 def main() -> None:

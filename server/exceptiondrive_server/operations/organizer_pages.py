@@ -7,7 +7,6 @@ from fastapi import APIRouter
 from fastapi.responses import Response
 from sqlalchemy.orm import Session
 
-from exceptiondrive_records.db.errors import RecordsError
 from exceptiondrive_records.operations.overview import SLOW_S, Overview, overview
 from exceptiondrive_records.operations.site import set_site_links, site_links
 from exceptiondrive_records.operations.troubles import Trouble
@@ -20,9 +19,14 @@ from exceptiondrive_schemas.api.site import SiteLinks
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.printable import counted, duration_words
 from exceptiondrive_server.rescoring.steps import RunLine, run_line
-from exceptiondrive_server.web.browser_session import PostedForm, SignedIn
-from exceptiondrive_server.web.forms import changed, filled, made, read, texts_of, typed
-from exceptiondrive_server.web.organizer_frame import OrganizerBrowser, go, organizer_page
+from exceptiondrive_server.web.auth import ServicesOf
+from exceptiondrive_server.web.forms import made, texts_of
+from exceptiondrive_server.web.organizer_frame import (
+    OrganizerBrowser,
+    Step,
+    organizer_page,
+    step_at,
+)
 
 router = APIRouter(include_in_schema=False)
 SITE_FIELDS = fields_of(SiteLinks)
@@ -52,7 +56,6 @@ def show_overview(browser: OrganizerBrowser) -> Response:
         found = overview(session)
         runs = [run_line(session, run_view(session, run)) for run in found.open_runs]
         teams = list_teams(session)
-        team_names = {team.id: team.name for team in teams}
         is_new = all(team.is_reference or team.is_gone for team in teams)
         first = list(_first_steps(session)) if is_new else []
         titles = titles_of_phases(session)
@@ -66,47 +69,38 @@ def show_overview(browser: OrganizerBrowser) -> Response:
         tasks=[*sorted(tasks, key=lambda task: task[3] != "bad"), *first],
         runs=runs,
         titles=titles,
-        team_names=team_names,
         lane_titles=LANE_TITLES,
         slow_s=SLOW_S,
         duration=duration_words,
     )
 
 
-@router.get("/organize/site")
-def show_site(browser: OrganizerBrowser) -> Response:
-    """Show the links of header and footer."""
-    return _site(browser)
-
-
-@router.post("/organize/site")
-def post_site(browser: OrganizerBrowser, form: PostedForm) -> Response:
+@step_at(router, "/organize/site")
+def site(services: ServicesOf) -> Step:
     """Set the links of header and footer."""
-    try:
-        with browser.services.database.write() as session:
-            kept = texts_of(SITE_FIELDS, site_links(session))
-            values = read(SITE_FIELDS, form, kept)
-            if not changed(values, kept):
-                return go("/organize/site", "nothing_changed")
-            links = made(SiteLinks, SITE_FIELDS, values)
-            set_site_links(session, links, actor=browser.principal.actor)
-    except RecordsError as refusal:
-        return _site(browser, typed(form), refusal)
-    browser.services.site_state.forget()
-    return go("/organize/site", "site_changed")
 
+    def kept(session: Session) -> dict[str, str]:
+        return texts_of(SITE_FIELDS, site_links(session))
 
-def _site(
-    browser: SignedIn, texts: Mapping[str, str] | None = None, refusal: RecordsError | None = None
-) -> Response:
-    with browser.services.database.read() as session:
-        kept = texts_of(SITE_FIELDS, site_links(session))
-    return organizer_page(
-        browser,
-        "operations/organizer_site.html",
-        "site",
-        refusal=refusal,
-        fields=filled(SITE_FIELDS, kept if texts is None else texts, kept),
+    def take(session: Session, actor: str, **values: str) -> None:
+        set_site_links(session, made(SiteLinks, SITE_FIELDS, values), actor=actor)
+        services.site_state.forget()
+
+    with services.database.read() as session:
+        texts = kept(session)
+    return Step(
+        section="site",
+        title="The site",
+        meaning="Links in header and footer of every page. What is empty is not shown.",
+        button="Save the links",
+        back="/organize",
+        back_words="Overview",
+        take=take,
+        done="site_changed",
+        fields=SITE_FIELDS,
+        texts=texts,
+        kept=kept,
+        command="exceptiondrive organizer site set --help",
     )
 
 

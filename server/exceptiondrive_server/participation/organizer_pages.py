@@ -96,7 +96,7 @@ def post_import(browser: OrganizerBrowser, form: PostedForm) -> Response:
             made = import_teams(session, text, actor=browser.principal.actor)
     except RecordsError as refusal:
         return _import_page(browser, texts=typed(form), refusal=refusal)
-    return _import_page(browser, issued=tokens_table(made), n_made=len(made))
+    return _import_page(browser, tokens=tokens_table(made), n_made=len(made))
 
 
 def _import_page(
@@ -104,7 +104,7 @@ def _import_page(
     *,
     texts: Mapping[str, str] | None = None,
     refusal: RecordsError | None = None,
-    issued: str | None = None,
+    tokens: str | None = None,
     n_made: int = 0,
 ) -> Response:
     return organizer_page(
@@ -113,7 +113,7 @@ def _import_page(
         "teams",
         refusal=refusal,
         fields=filled(TABLE, texts or {}),
-        issued=issued,
+        tokens=tokens,
         n_made=n_made,
     )
 

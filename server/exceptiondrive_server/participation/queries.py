@@ -89,11 +89,6 @@ class Participation(BaseModel):
     disqualifications: list[DisqualificationView]
     terms: list[AcceptedTerms]
 
-    @property
-    def allowances_by_phase(self) -> dict[str, AllowanceView]:
-        """The allowances by id of their phase."""
-        return {one.phase: one for one in self.allowances}
-
 
 def standings_of_teams(session: Session) -> dict[int, str]:
     """Return of the teams that do not take part as others do, why, by key: `disqualified in test`."""

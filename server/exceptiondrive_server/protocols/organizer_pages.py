@@ -1,6 +1,5 @@
 """Protocols: list, check against every phase, add, delete; confirmations of organizers."""
 
-from dataclasses import dataclass
 from functools import partial
 from typing import Annotated, Any
 
@@ -31,7 +30,6 @@ from exceptiondrive_records.splits.confirmations import (
 )
 from exceptiondrive_schemas.api.confirmation import Confirmation
 from exceptiondrive_schemas.api.form_fields import FormField
-from exceptiondrive_schemas.protocols.difference import Difference
 from exceptiondrive_server.protocols.organizer_api import MAX_PROTOCOL_CHARACTERS, get_any_protocol
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.browser_session import (
@@ -54,17 +52,6 @@ HERE = "/organize/protocols"
 MAX_FIELDS = 8
 ConfirmationId = Annotated[str, Path(max_length=64)]
 Version = Annotated[str, Path(max_length=100)]
-
-
-@dataclass(frozen=True)
-class Verdict:
-    """What a valid document would change."""
-
-    version: str
-    is_known: bool
-    """This very document is there already."""
-    phases: tuple[tuple[str, str, Difference], ...]
-    """Id, version now, and what would change in it."""
 
 
 @router.get("")
@@ -218,7 +205,10 @@ def _checked(toml: str) -> str:
 def _answer(browser: SignedIn, toml: str, shall_add: bool) -> Response:
     try:
         if shall_add:
-            return _add(browser, toml)
+            with browser.services.database.write() as session:
+                known = {row.digest for row in list_protocol_rows(session)}
+                added = add_protocol(session, toml, browser.principal.actor)
+            return go(HERE, "protocol_known" if added.digest in known else "protocol_added")
         with browser.services.database.read() as session:
             verdict = _verdict(session, toml)
     except RecordsError as refusal:
@@ -226,28 +216,21 @@ def _answer(browser: SignedIn, toml: str, shall_add: bool) -> Response:
     return _form(browser, toml, verdict=verdict)
 
 
-def _add(browser: SignedIn, toml: str) -> Response:
-    with browser.services.database.write() as session:
-        n_before = len(list_protocol_rows(session))
-        add_protocol(session, toml, browser.principal.actor)
-        is_new = len(list_protocol_rows(session)) > n_before
-    return go(HERE, "protocol_added" if is_new else "protocol_known")
-
-
-def _verdict(session: Session, toml: str) -> Verdict:
+def _verdict(session: Session, toml: str) -> dict[str, Any]:
+    """Return what a valid document would change; of each phase its id, its version now, and the difference."""
     protocol = checked_protocol(session, toml)
-    return Verdict(
-        version=protocol.version,
-        is_known=protocol.digest in {row.digest for row in list_protocol_rows(session)},
-        phases=tuple(
+    return {
+        "version": protocol.version,
+        "is_known": protocol.digest in {row.digest for row in list_protocol_rows(session)},
+        "phases": [
             (
                 phase.id,
                 find_protocol(session, phase.protocol_digest).version,
                 protocol_check(session, toml, phase.id),
             )
             for phase in list_phases(session, with_hidden=True)
-        ),
-    )
+        ],
+    }
 
 
 def _starts(session: Session) -> list[str]:
@@ -262,7 +245,7 @@ def _form(
     browser: SignedIn,
     toml: str,
     refusal: RecordsError | None = None,
-    verdict: Verdict | None = None,
+    verdict: dict[str, Any] | None = None,
 ) -> Response:
     """Show the form; each line of a refusal but its head is a problem."""
     with browser.services.database.read() as session:

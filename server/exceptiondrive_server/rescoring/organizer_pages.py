@@ -10,7 +10,7 @@ from exceptiondrive_records.accounts.tokens import names_of_actors
 from exceptiondrive_records.db.errors import Conflict, NotFound, RecordsError
 from exceptiondrive_records.phases.phases import list_phases, titles_of_phases
 from exceptiondrive_records.protocols.protocols import find_protocol, list_protocols
-from exceptiondrive_records.rescoring import changes, flip
+from exceptiondrive_records.rescoring import changes
 from exceptiondrive_records.rescoring.runs import find_run
 from exceptiondrive_records.rescoring.verification import list_verifications, verification_view
 from exceptiondrive_records.rescoring.views import preview_of, run_view, run_views
@@ -23,14 +23,13 @@ from exceptiondrive_server.rescoring.exports import comparison_csv
 from exceptiondrive_server.rescoring.preview import compared
 from exceptiondrive_server.rescoring.steps import (
     RUN_STEPS,
-    RunStep,
     offered,
     page_of_step,
     run_line,
 )
 from exceptiondrive_server.submissions.download import attachment
 from exceptiondrive_server.web.auth import ServicesOf
-from exceptiondrive_server.web.browser_session import PostedForm, SignedIn
+from exceptiondrive_server.web.browser_session import Elsewhere, SignedIn
 from exceptiondrive_server.web.forms import REASON
 from exceptiondrive_server.web.numbers import short_digest
 from exceptiondrive_server.web.organizer_frame import (
@@ -39,8 +38,6 @@ from exceptiondrive_server.web.organizer_frame import (
     go,
     organizer_page,
     step_at,
-    step_page,
-    take_step,
 )
 
 router = APIRouter(prefix="/organize", include_in_schema=False)
@@ -209,31 +206,16 @@ def download_json(browser: OrganizerBrowser, run_id: RunId) -> Response:
     return Response(text, media_type="application/json", headers=headers)
 
 
-@router.get("/rescoring/{run_id}/{step}")
-def show_step(
-    browser: OrganizerBrowser, run_id: RunId, step: StepKey, preview: Choice = ""
-) -> Response:
-    """Ask for a step; what readers will see is looked at before it is applied."""
-    known = _known(step)
-    with browser.services.database.read() as session:
-        content = page_of_step(session, known, run_id, preview)
-    if known.needs_preview and not preview:
-        return go(f"{HERE}/{run_id}/preview")
-    return step_page(browser, content)
-
-
-@router.post("/rescoring/{run_id}/{step}")
-def post_step(
-    browser: OrganizerBrowser, form: PostedForm, run_id: RunId, step: StepKey
-) -> Response:
-    """Take a step."""
-    known = _known(step)
-    preview = str(form.get("preview", ""))[:100]
-    with browser.services.database.read() as session:
-        page = page_of_step(session, known, run_id, preview)
-    if known.is_flip:
-        flip.work_out(browser.services.database, run_id)
-    return take_step(browser, page, form)
+@step_at(router, "/rescoring/{run_id}/{step}")
+def step_of(services: ServicesOf, run_id: RunId, step: StepKey, preview: Choice = "") -> Step:
+    """Take a step of a run; what readers will see is looked at before it is applied."""
+    if step not in RUN_STEPS:
+        raise NotFound("step of a run", step)
+    with services.database.read() as session:  # compares the boards, which a flip then finds
+        page = page_of_step(session, RUN_STEPS[step], run_id, preview)
+    if RUN_STEPS[step].needs_preview and not preview:
+        raise Elsewhere(f"{HERE}/{run_id}/preview")
+    return page
 
 
 @step_at(router, "/verifications/new")
@@ -278,9 +260,3 @@ def show_verification(
         phase_title=titles[seen.phase],
         organizer_name=names.get(seen.actor, seen.actor),
     )
-
-
-def _known(step: str) -> RunStep:
-    if step not in RUN_STEPS:
-        raise NotFound("step of a run", step)
-    return RUN_STEPS[step]

@@ -247,7 +247,6 @@ def page_of_step(session: Session, step: RunStep, run_id: str, preview: str) -> 
         facts=tuple(facts),
         command=step.in_a_terminal(run_id, preview),
         is_grave=step.is_grave,
-        hidden=tuple(given.items()),
         blockers=(flip.STALE,) if is_stale else blockers,
         take=partial(step.take, run_id=run_id, **given),
         done=step.done,

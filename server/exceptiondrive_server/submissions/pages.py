@@ -50,10 +50,7 @@ from exceptiondrive_server.submissions.queries import phase_rules, score_tables
 from exceptiondrive_server.submissions.quick_start import quick_start
 from exceptiondrive_server.submissions.receipts_api import get_receipt
 from exceptiondrive_server.submissions.runs import run_lines
-from exceptiondrive_server.submissions.upload import (
-    received_upload,
-    take_upload,
-)
+from exceptiondrive_server.submissions.upload import received_upload, take_upload
 from exceptiondrive_server.submissions.view import actions_of, policy_sentences, status_of, steps_of
 from exceptiondrive_server.web.auth import own_team
 from exceptiondrive_server.web.browser_session import (
@@ -62,7 +59,6 @@ from exceptiondrive_server.web.browser_session import (
     MaybeSignedIn,
     PostedForm,
     SignedIn,
-    require_form_token,
     require_same_origin,
     require_scope,
 )
@@ -105,9 +101,8 @@ async def submit(browser: Browser) -> Response:
     who = browser.principal
     try:
         async with received_upload(
-            browser.request, browser.services, who, has_form_token=True
+            browser.request, browser.services, who, form_token=browser.form_token
         ) as upload:
-            require_form_token(browser.form_token, upload.form_token)
             taken, _ = await run_in_threadpool(take_upload, browser.services, who, upload, began_s)
     except (RecordsError, RequestValidationError) as error:
         if not wants_page(browser.request):

@@ -27,7 +27,7 @@ from exceptiondrive_schemas.api.submission import SubmissionView
 from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.method_facts import SubmissionEditView
-from exceptiondrive_schemas.receipt import Receipt, ReceiptStatement
+from exceptiondrive_schemas.receipt import Receipt
 from exceptiondrive_schemas.score_sheet import metric_text
 from exceptiondrive_server.audit.queries import AuditLineView, line_view
 from exceptiondrive_server.boards.entry_facts import primary_metrics
@@ -130,10 +130,9 @@ def story_folder(services: Services, principal: Principal, submission_id: str) -
     Raises:
         NotFound: There is no such submission.
     """
+    story, receipt, sheet = _told(services, submission_id)
     with services.database.write() as session:
-        story, statement, sheet = _read(session, submission_id)
         audit(session, principal.actor, "story downloaded", submission_id)
-    receipt = _signed(services, statement)
     data, missing = read_upload(services, story.submission)
     style = (STATIC / "story.css").read_text("utf-8")
     page = _page(story, receipt, sheet, missing=missing, style=style)
@@ -149,9 +148,7 @@ def story_page(services: Services, submission_id: str) -> str:
     Raises:
         NotFound: There is no such submission.
     """
-    with services.database.read() as session:
-        story, statement, sheet = _read(session, submission_id)
-    return _page(story, _signed(services, statement), sheet)
+    return _page(*_told(services, submission_id))
 
 
 def _page(
@@ -175,18 +172,16 @@ def _page(
     )
 
 
-def _read(
-    session: Session, submission_id: str
-) -> tuple[SubmissionStory, ReceiptStatement | None, ScoreTables]:
-    story, statement = story_of(session, submission_id), None
-    with suppress(NotFound):  # no score is shown
-        statement = statement_of(session, find_submission(session, submission_id))
-    return story, statement, score_tables(session, story.submission)
-
-
-def _signed(services: Services, statement: ReceiptStatement | None) -> Receipt | None:
-    """Sign outside of any transaction: a new key is recorded in one of its own."""
-    return None if statement is None else services.signer.sign(statement)
+def _told(
+    services: Services, submission_id: str
+) -> tuple[SubmissionStory, Receipt | None, ScoreTables]:
+    statement = None
+    with services.database.read() as session:
+        story = story_of(session, submission_id)
+        with suppress(NotFound):  # no score is shown
+            statement = statement_of(session, find_submission(session, submission_id))
+        sheet = score_tables(session, story.submission)
+    return story, None if statement is None else services.signer.sign(statement), sheet
 
 
 def _files(

@@ -25,11 +25,7 @@ from exceptiondrive_records.operations.garbage import remove_orphan
 from exceptiondrive_records.phases.phases import shown_phase
 from exceptiondrive_records.phases.quotas import quota_of
 from exceptiondrive_records.submissions.file_store import FileStore, is_kept, seems_unmounted
-from exceptiondrive_records.submissions.submissions import (
-    Accepted,
-    accept,
-    require_acceptable,
-)
+from exceptiondrive_records.submissions.submissions import accept, require_acceptable
 from exceptiondrive_records.submissions.views import view
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.teams.teams import NOT_APPROVED
@@ -40,7 +36,7 @@ from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.method_facts import Links, MethodFacts
 from exceptiondrive_server.submissions.facts_form import PREFIX, facts_of_form
 from exceptiondrive_server.web.auth import team_of
-from exceptiondrive_server.web.browser_session import FORM_TOKEN
+from exceptiondrive_server.web.browser_session import FORM_TOKEN, require_form_token
 from exceptiondrive_server.web.problem_vocabulary import ApiProblem
 from exceptiondrive_server.web.problems import problem_of
 from exceptiondrive_server.web.services import Services
@@ -121,8 +117,6 @@ class Upload:
 
     fields: UploadFields
     file: BinaryIO
-    form_token: str = ""
-    """What the form of a page carries against forgery; the API takes none."""
 
 
 def upload_body() -> dict[str, Any]:
@@ -141,27 +135,24 @@ def upload_body() -> dict[str, Any]:
 
 @asynccontextmanager
 async def received_upload(
-    request: Request, services: Services, principal: Principal, *, has_form_token: bool = False
+    request: Request, services: Services, principal: Principal, *, form_token: str | None = None
 ) -> AsyncIterator[Upload]:
     """Read the form; its file lies in memory up to 1 MiB, then in a temporary file.
 
+    The form of a page carries `form_token` against forgery; the API takes none.
+
     Raises:
-        ApiProblem: Not a form, or it is encoded; who sends it belongs to no team, or to one that is not
-            approved; or too many uploads are under way.
+        ApiProblem: Not a form, or it is encoded, or not made for who sends it; who belongs to no team, or
+            to one that is not approved; or too many uploads are under way.
         RequestValidationError: A field is missing, unknown, repeated or wrong.
     """
     _require_form(request)
-    _require_sender(principal)
+    if principal.team_is_pending:  # strangers may register as many as they like
+        raise problem_of(NotAllowed(NOT_APPROVED))
     with services.upload_places.held_by(team_of(principal)):
         form = request.form(max_files=1, max_fields=MAX_FIELDS, max_part_size=MAX_FIELD_BYTES)
         async with form as received:
-            yield _upload_of(received, has_form_token=has_form_token)
-
-
-def _require_sender(principal: Principal) -> None:
-    """Let no team take a place that nobody approved: strangers may register as many as they like."""
-    if principal.team_is_pending:
-        raise problem_of(NotAllowed(NOT_APPROVED))
+            yield _upload_of(received, form_token)
 
 
 def _require_form(request: Request) -> None:
@@ -174,12 +165,12 @@ def _require_form(request: Request) -> None:
         raise ApiProblem(ProblemCode.UNSUPPORTED_MEDIA_TYPE, detail)
 
 
-def _upload_of(form: FormData, *, has_form_token: bool) -> Upload:
-    if has_form_token:
-        form = _with_facts(form)
+def _upload_of(form: FormData, form_token: str | None) -> Upload:
+    if form_token is not None:
+        require_form_token(form_token, str(form.get(FORM_TOKEN, "")))
+        form = _as_the_api_takes_it(form)
     values, faults = dict(form.items()), list(_shape_faults(form))
     file = values.pop("file", None)
-    form_token = values.pop(FORM_TOKEN, "") if has_form_token else ""
     try:
         fields = UploadFields.model_validate(values)
     except ValidationError as error:
@@ -187,17 +178,21 @@ def _upload_of(form: FormData, *, has_form_token: bool) -> Upload:
         faults += [dict(fault) for fault in found]
     if faults or not isinstance(file, UploadFile):
         raise RequestValidationError(faults)
-    return Upload(fields, file.file, str(form_token))
+    return Upload(fields, file.file)
 
 
-def _with_facts(form: FormData) -> FormData:
-    """The form of a page as the API takes it: its fields of facts are one document.
+def _as_the_api_takes_it(form: FormData) -> FormData:
+    """The form of a page without its token, its fields of facts as one document.
 
     Raises:
         InvalidRecord: A fact cannot be used.
     """
     facts = facts_of_form(form)
-    rest = [(name, value) for name, value in form.multi_items() if not name.startswith(PREFIX)]
+    rest = [
+        (name, value)
+        for name, value in form.multi_items()
+        if not name.startswith(PREFIX) and name != FORM_TOKEN
+    ]
     told = [("facts", facts.model_dump_json())] if facts != MethodFacts() else []
     return FormData([*rest, *told])
 
@@ -246,9 +241,25 @@ def take_upload(
         _require_store(session, services.files)
     size_bytes = _store(services, upload.file)
     try:
-        accepted = _accept(
-            services, principal, upload, began_s, digest, size_bytes, idempotency_key
-        )
+        with services.database.write() as session:
+            require_unrevoked(session, principal)
+            if not is_kept(session, services.files, digest):
+                _store(services, upload.file)
+            accepted = accept(
+                session,
+                team_id=team_id,
+                phase_id=fields.phase,
+                method=fields.method,
+                description=fields.description,
+                links=fields.links,
+                facts=fields.method_facts,
+                linked_to=fields.linked_to or None,
+                file_digest=digest,
+                size_bytes=size_bytes,
+                arrived_at=_arrived_at(session, began_s),
+                idempotency_key=idempotency_key,
+                asks_first=fields.asks_first,
+            )
     except RecordsError:
         with suppress(StoreError):  # then it is swept when it is old
             remove_orphan(services.database, services.files, digest)
@@ -287,38 +298,6 @@ def told_to(principal: Principal, seen: SubmissionView) -> SubmissionView:
     if report is not None and report.to_confirm:  # names the replaced entry with its score
         report = report.model_copy(update={"to_confirm": _ASKED_OF_READERS})
     return seen.model_copy(update={**NO_RESULTS, "report": report})
-
-
-def _accept(
-    services: Services,
-    principal: Principal,
-    upload: Upload,
-    began_s: float,
-    file_digest: str,
-    size_bytes: int,
-    idempotency_key: str | None,
-) -> Accepted:
-    """Accept in one transaction, which proves that the file is there."""
-    fields = upload.fields
-    with services.database.write() as session:
-        require_unrevoked(session, principal)
-        if not is_kept(session, services.files, file_digest):
-            _store(services, upload.file)
-        return accept(
-            session,
-            team_id=team_of(principal),
-            phase_id=fields.phase,
-            method=fields.method,
-            description=fields.description,
-            links=fields.links,
-            facts=fields.method_facts,
-            linked_to=fields.linked_to or None,
-            file_digest=file_digest,
-            size_bytes=size_bytes,
-            arrived_at=_arrived_at(session, began_s),
-            idempotency_key=idempotency_key,
-            asks_first=fields.asks_first,
-        )
 
 
 def _arrived_at(session: Session, began_s: float) -> datetime:

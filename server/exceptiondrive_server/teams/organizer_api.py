@@ -49,7 +49,7 @@ class NewTeam(Form):
 class TeamView(BaseModel):
     """A team as organizers see it."""
 
-    id: str
+    id: str = Field(validation_alias="slug")
     name: str
     affiliation: str
     is_reference: bool
@@ -125,8 +125,9 @@ def post_token(
             token.expires_at,
             actor=organizer.actor,
         )
-        (view,) = token_views(session, [made], made.team_id, made_now_by=organizer.actor)
-        return IssuedToken(token=text, view=view)
+    with services.database.read() as session:
+        (view,) = token_views(session, [made], made.team_id)
+    return IssuedToken(token=text, view=view)
 
 
 @router.post("/tokens/{token_id}/revoke", operation_id="revokeToken")
@@ -142,13 +143,5 @@ def post_revocation(
 
 
 def _team(team: Team, standing: str = "") -> TeamView:
-    return TeamView(
-        id=team.slug,
-        name=team.name,
-        affiliation=team.affiliation,
-        is_reference=team.is_reference,
-        created_at=team.created_at,
-        pending_since=team.pending_since,
-        registration_note=team.registration_note,
-        standing=standing,
-    )
+    seen = TeamView.model_validate(team, from_attributes=True)
+    return seen.model_copy(update={"standing": standing})

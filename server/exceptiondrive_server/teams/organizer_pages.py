@@ -11,7 +11,6 @@ from exceptiondrive_records.accounts.makers import left_behind
 from exceptiondrive_records.accounts.tokens import (
     MEANING_OF_SCOPE,
     TEAM_SCOPES,
-    Scope,
     find_token,
     is_live,
     issue_token,
@@ -28,7 +27,7 @@ from exceptiondrive_records.submissions.submissions import counts_by_team
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.teams.teams import find_team, list_teams, refuse_team
 from exceptiondrive_schemas.api.form_fields import FormField
-from exceptiondrive_server.accounts.queries import token_views
+from exceptiondrive_server.accounts.queries import scopes_field, token_views
 from exceptiondrive_server.audit.queries import history
 from exceptiondrive_server.participation.queries import participation_of, standings_of_teams
 from exceptiondrive_server.web.auth import ServicesOf
@@ -55,14 +54,10 @@ NEW_TEAM = (
 )  # fmt: skip
 NEW_TOKEN = (
     FormField("name", "Name", hint="what it is for", is_required=True, max_length=80),
-    *(
-        FormField(f"may_{n}", MEANING_OF_SCOPE[scope], "yes", scope)
-        for n, scope in enumerate(TEAM_SCOPES)
-    ),
+    scopes_field(TEAM_SCOPES),
     FormField("expires_at", "Expires at", "moment", "empty: never"),
 )
-"""A number behind `may_` stands for a scope that a team's token may have."""
-USUAL = {f"may_{n}": "yes" for n in range(len(TEAM_SCOPES))}
+USUAL = {"scopes": " ".join(TEAM_SCOPES)}
 """The first token of a team has every right that a team may have."""
 HISTORY = 50
 router = APIRouter(prefix="/organize", include_in_schema=False)
@@ -108,7 +103,7 @@ def post_token(browser: OrganizerBrowser, form: PostedForm, team_id: TeamId) -> 
                 session,
                 find_team(session, team_id).id,
                 values["name"],
-                tuple(scope for n, scope in enumerate(TEAM_SCOPES) if values[f"may_{n}"]),
+                values["scopes"],
                 values["expires_at"],
                 actor=browser.principal.actor,
             )
@@ -164,13 +159,11 @@ def _team(
     with browser.services.database.read() as session:
         team = find_team(session, slug)
         now = database_now(session)
-        tokens = [(token, is_live(token, now)) for token in list_tokens(session, team.id)]
+        tokens = list_tokens(session, team.id)
+        views = token_views(session, tokens, team.id)
+        is_alive = [is_live(token, now) for token in tokens]
         lines = history(session, team.slug, limit=HISTORY + 1)
         n_submissions = counts_by_team(session).get(team.id, 0)
-        made_by = {
-            view.id: view.made_by
-            for view in token_views(session, [token for token, _ in tokens], team.id)
-        }
         seen = participation_of(session, team)
         phases = list_phases(session, with_hidden=True)
         part_of = session.get(Team, team.merged_into_id) if team.merged_into_id else None
@@ -181,10 +174,9 @@ def _team(
         refusal=refusal,
         team=team,
         part_of=part_of,
-        tokens=sorted(tokens, key=lambda one: not one[1]),
-        made_by=made_by,
-        rights_of=lambda token: [MEANING_OF_SCOPE[Scope(scope)] for scope in token.scopes],
-        issued=issued,
+        tokens=sorted(zip(views, is_alive, strict=True), key=lambda line: not line[1]),
+        meaning=MEANING_OF_SCOPE,
+        new_token=issued,
         lines=lines[:HISTORY],
         has_older_lines=len(lines) > HISTORY,
         n_submissions=n_submissions,
@@ -251,14 +243,12 @@ def revocation(services: ServicesOf, token_id: TokenId) -> Step:
         (seen,) = token_views(session, [token], token.team_id)
         left = left_behind(session, f"token:{token.id}", token.team_id)
         made = [f"{one.name} ({one.prefix})" for one in left]
+    works_on = " What was made with it works on: revoke these too, if they are not wanted."
     return Step(
         section="teams",
         title=f"Revoke {token.name}",
         meaning="It stops working for good; browsers that signed in with it are signed out."
-        + (
-            " What was made with it works on: revoke these too, if they are not wanted."
-            * bool(made)
-        ),
+        f"{works_on if made else ''}",
         button="Revoke",
         back="/organize/teams" if team is None else f"/organize/teams/{team.slug}",
         back_words="Teams" if team is None else "The team",

@@ -31,6 +31,7 @@ from exceptiondrive_records.notifications.contacts import list_contacts
 from exceptiondrive_records.submissions.submissions import counts_by_team
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.teams.teams import make_pending_team, self_registration_is_on
+from exceptiondrive_schemas.api.form_fields import FormField
 from exceptiondrive_schemas.api.problems import ProblemCode
 from exceptiondrive_server.web.auth import ServicesOf, address_of, team_of
 from exceptiondrive_server.web.browser_session import (
@@ -41,7 +42,7 @@ from exceptiondrive_server.web.browser_session import (
     keep_session,
     require_scope,
 )
-from exceptiondrive_server.web.forms import NOTHING_KEPT, typed
+from exceptiondrive_server.web.forms import NOTHING_KEPT, filled, read, typed
 from exceptiondrive_server.web.problem_vocabulary import ApiProblem
 from exceptiondrive_server.web.responses import my_page, origin_of, private_page
 from exceptiondrive_server.web.services import Services
@@ -50,6 +51,17 @@ router = APIRouter(include_in_schema=False)
 Id = Annotated[str, Path(max_length=64)]
 LinkText = Annotated[str, Path(max_length=200)]
 _BACK = "/my/team"
+REGISTRATION = (
+    FormField("name", "Name", hint="as the board shows it", is_required=True, max_length=80),
+    FormField(
+        "id",
+        "Short id",
+        hint="lower-case letters, digits, hyphens",
+        is_required=True,
+        max_length=64,
+    ),
+    FormField("note", "Who you are", "lines", "for organizers alone", True, max_length=500),
+)
 
 
 @router.get("/my/team")
@@ -117,10 +129,12 @@ def register(browser: Browser, form: PostedForm) -> Response:
     address = address_of(browser.request)
     with browser.services.database.write() as session:
         count_attempt(session, registration_keys_of(address))
-    texts = (str(form.get(field, "")) for field in ("id", "name", "note"))
     try:
+        values = read(REGISTRATION, form)
         with browser.services.database.write() as session:
-            team = make_pending_team(session, *texts, actor=actor, address=address)
+            team = make_pending_team(
+                session, values.pop("id"), **values, actor=actor, address=address
+            )
             add_member(session, team, person_id, actor=actor)
             act_for(session, browser.secret, person_id, team.id)
     except RecordsError as refusal:
@@ -201,7 +215,7 @@ def _page(
             provider=None if browser.services.provider is None else browser.services.provider.name,
             link=link,
             refusal=refusal,
-            texts=texts,
+            fields=filled(REGISTRATION, texts),
         )
 
 

@@ -9,7 +9,7 @@ between them on one line. A call, `{{ icon("up") }}` or `{% call %}`, writes mar
 
 import re
 from collections.abc import Callable
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -50,18 +50,11 @@ _OPTION = re.compile(r"(?<=[\s>])(--?\w[\w-]*)")
 _LAST = re.compile(r"\{%\s*end(macro|block|call|set)\b")
 
 
-def ticks(text: str) -> Markup:
-    """Set what stands between back-ticks as code; everything is escaped."""
-    parts = str(escape(text)).split("`")
-    return Markup(
-        "".join(f"<code>{part}</code>" if i % 2 else part for i, part in enumerate(parts))
-    )
-
-
-def stars(text: str) -> Markup:
-    """Set what stands between double stars bold; everything is escaped."""
-    parts = str(escape(text)).split("**")
-    return Markup("".join(f"<b>{part}</b>" if i % 2 else part for i, part in enumerate(parts)))
+def marked(text: str, mark: str, tag: str) -> Markup:
+    """Set what stands between two marks in an element; everything is escaped."""
+    parts = str(escape(text)).split(mark)
+    set_parts = [f"<{tag}>{part}</{tag}>" if i % 2 else part for i, part in enumerate(parts)]
+    return Markup("".join(set_parts))
 
 
 def breakable(code: str) -> Markup:
@@ -166,8 +159,8 @@ def environment() -> Environment:
         px=px,
         size=numbers.size_text,
         https=https_only,
-        ticks=ticks,
-        stars=stars,
+        ticks=partial(marked, mark="`", tag="code"),
+        stars=partial(marked, mark="**", tag="b"),
         breakable=breakable,
         markdown=markdown,
         first_paragraph=first_paragraph,

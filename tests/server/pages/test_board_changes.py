@@ -9,7 +9,11 @@ import pytest
 from tests.server.pages.invented_board import MANIFEST
 
 from exceptiondrive_schemas.board import Board, EntryNews
+from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_server.boards.headline import BoardBefore, change_line
+from exceptiondrive_server.boards.page import BoardPage
+from exceptiondrive_server.boards.query import BoardQuery
+from exceptiondrive_server.web.templating import macro
 
 AT = datetime(2026, 11, 20, 9, 0, tzinfo=UTC)
 BEFORE = BoardBefore(6, "1.0", MANIFEST.revision, None, AT)
@@ -53,10 +57,16 @@ def test_what_left_is_counted_and_named_with_its_rank(lively_board: Board) -> No
     assert line.words == "Since board 6 of 20 Nov 2026: 1 left (Cheater from rank 1)."
 
 
-def test_a_protocol_update_comes_first_and_leads_to_its_page(lively_board: Board) -> None:
-    line = change_line(with_ranks(lively_board, {}), replace(BEFORE, protocol="0.9"))
+def test_a_protocol_update_comes_first_and_leads_to_its_page(
+    lively_board: Board, protocol: ProtocolDocument
+) -> None:
+    board, before = with_ranks(lively_board, {}), replace(BEFORE, protocol="0.9")
+    line = change_line(board, before)
     assert line.words == "Since board 6 of 20 Nov 2026: protocol 0.9 became 1.0."
-    assert line.protocol_url == "/protocols/1.0"
+    assert line.has_new_protocol
+    page = BoardPage(BoardQuery(), (), None, board, protocol, (), protocol.version, before=before)
+    text = macro("boards/table.html", "about_board")(page)
+    assert '<a href="/protocols/1.0">What the protocol changed</a>' in text
 
 
 @pytest.mark.parametrize(
@@ -77,10 +87,7 @@ def test_other_samples_are_said_where_no_rank_moved(
 
 def test_nothing_new_and_nothing_before_are_said(lively_board: Board) -> None:
     quiet = change_line(with_ranks(lively_board, {}), BEFORE)
-    assert (quiet.words, quiet.protocol_url) == (
-        "Since board 6 of 20 Nov 2026 no rank moved.",
-        None,
-    )
+    assert quiet == ("Since board 6 of 20 Nov 2026 no rank moved.", False)
     assert change_line(lively_board, None).words == "This is the first board of its phase."
 
 

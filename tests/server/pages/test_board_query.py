@@ -42,6 +42,7 @@ def test_a_change_goes_back_to_the_first_page() -> None:
     [
         "source=hacked", "page=-1", "page=", "board=x", "sort=ur;drop", "sort=", "phase=", "view=x",
         "sort=ur&order=up", "average=mean", "challenge=chess", "as_of=yesterday", "board=0",
+        "as_of=2026-13-01", "as_of=2026-11-21;", "as_of=1", "as_of=9999-12-31T23:00:00-09:00",
     ],
 )  # fmt: skip
 def test_what_is_not_understood_is_refused_by_name_and_never_repeated(address: str) -> None:

@@ -11,7 +11,7 @@ import exceptiondrive_server
 from exceptiondrive_schemas.challenges import CHALLENGES, Challenge
 from exceptiondrive_schemas.protocol import packaged_protocol
 from exceptiondrive_schemas.score_sheet import Coverage
-from exceptiondrive_server.web.templating import stars, with_article
+from exceptiondrive_server.web.templating import marked, with_article
 
 FOLDERS = [Path(exceptiondrive_server.__path__[0])]
 IDS = "|".join(challenge_id for challenge_id in CHALLENGES)
@@ -94,7 +94,7 @@ async def test_the_strategy_board_draws_answers_and_no_path_that_is_scored(shown
 
 
 def test_bold_words_are_escaped_too() -> None:
-    assert stars("a **<b>** c") == "a <b>&lt;b&gt;</b> c"
+    assert marked("a **<b>** c", "**", "b") == "a <b>&lt;b&gt;</b> c"
 
 
 @pytest.mark.parametrize(("noun", "said"), [("planner", "a planner"), ("agent", "an agent")])

@@ -16,6 +16,7 @@ from exceptiondrive_server.boards.comparison import (
     Sheets,
     default_pair,
     difference_table,
+    family_value,
     find_pair,
     is_sure,
 )
@@ -208,9 +209,13 @@ def test_differences_are_first_minus_second(paper_board: Board) -> None:
     printed = ("+1.39", "\u22120.81", "\u22120.28", "\u22120.63", "\u22120.31", "\u22120.46")
     by_key = dict(zip(KEYS, printed, strict=True))
     assert differences == [by_key.get(key, "") for key in both.challenge.metric_keys]
-    lines = both.families[:2]
-    families = [Digits().difference(both.first, line.a, line.b) for line in lines]
-    assert families == ["+0.39", "\u22120.42"]
+    told = [
+        Digits().difference(
+            both.first, *(family_value(each, head.id, both.first) for each in (both.a, both.b))
+        )
+        for head in paper_board.families[:2]
+    ]
+    assert told == ["+0.39", "\u22120.42"]
 
 
 async def test_one_difference_of_two_is_told_wherever_the_page_tells_it(paired_site: Any) -> None:

@@ -230,7 +230,7 @@ async def test_an_entry_that_left_is_compared_on_the_board_that_shows_it(
 
 def test_a_range_of_one_rank_says_on_what_it_rests(lively_board: Board) -> None:
     first = lively_board.entries[0].model_copy(update={"rank_interval": (1, 1)})
-    build = RowBuilder.of(lively_board, lively_board.headline, Digits())
+    build = RowBuilder(lively_board, lively_board.headline, Digits())
     notes = [position_of(build.row(e), lively_board).note for e in (first, lively_board.entries[1])]
     assert notes == ["certain at 95\u202f%", "1\u20133 possible"]
 

@@ -243,11 +243,9 @@ async def test_the_feed_lists_boards_newest_first(lively_site: Any, empty_board:
 
 def test_a_feed_is_as_new_as_the_newest_that_it_tells() -> None:
     opened, newer = datetime(2026, 11, 1, tzinfo=UTC), datetime(2026, 11, 9, tzinfo=UTC)
-    board = exports.BoardNote(1, "1.1", newer, "", "")
-    history = exports.History(
-        "sample", "Sample", (board,), (exports.PhaseDate("opened", opened, "It opened"),)
-    )
-    feed = Xml.fromstring(exports.atom_feed(history, "http://site.test"))
+    items = [exports.FeedItem(at, "Something", "/phases/sample") for at in (opened, newer)]
+    told = exports.Feed("sample", "Sample", tuple(items))
+    feed = Xml.fromstring(exports.atom_feed(told, "http://site.test"))
     assert feed.findtext("{*}updated") == "2026-11-09T00:00:00Z"
 
 

@@ -24,7 +24,6 @@ from exceptiondrive_schemas.protocol import (
     packaged_protocol_toml,
 )
 from exceptiondrive_schemas.split import Manifest
-from exceptiondrive_server.protocols.pages import protocol_changes
 from exceptiondrive_server.web.problem_vocabulary import PROBLEMS
 
 MANIFEST_OF_TWO = Manifest(
@@ -91,22 +90,18 @@ async def test_required_clearances_of_the_protocol_page_are_scaled_and_not_round
     assert shown == {f"{1.5 * task.d_safe_m:g}" for task in packaged_protocol("1.0").tasks}
 
 
+async def test_the_page_of_a_protocol_says_what_differs_from_the_one_before(site: Any) -> None:
+    site.create_phase("first", protocol="1.0")
+    with site.database.write() as session:
+        add_protocol(session, packaged_protocol_toml("1.1"), "test")
+    site.create_phase("second", protocol="1.1")
+    page = (await site.get("/protocols/1.1")).text.split("What differs from 1.0</h2>")[1]
+    assert "<li>fewest scenes that an interval takes 2 -&gt; 5</li>" in page
+    assert "What differs" not in (await site.get("/protocols/1.0")).text
+
+
 async def test_an_unknown_protocol_is_not_found(lively_site: Any) -> None:
     assert (await lively_site.get("/protocols/9.9")).status_code == 404
-
-
-def test_changes_between_protocols_name_every_value(protocol: ProtocolDocument) -> None:
-    first = protocol.tasks[0].model_copy(update={"d_safe_m": 2.5})
-    geometry = protocol.geometry.model_copy(update={"collision_tube": "footprints"})
-    newer = protocol.model_copy(
-        update={"version": "1.1", "geometry": geometry, "tasks": (first, *protocol.tasks[1:])}
-    )
-    changes = protocol_changes(protocol, newer)
-    assert [(c.path, c.before, c.after) for c in changes] == [
-        ("geometry.collision_tube", "hulls", "footprints"),
-        ("tasks.SE1.d_safe_m", "2.0", "2.5"),
-    ]
-    assert protocol_changes(protocol, protocol) == ()
 
 
 async def test_the_quick_start_shows_real_commands_of_an_open_phase(lively_site: Any) -> None:
@@ -202,6 +197,7 @@ async def test_every_fault_of_a_file_has_a_page_with_the_checkers_report(
     assert answer.status_code == 200
     assert "Expected" in answer.text
     assert "Got" in answer.text
+    assert "`" not in answer.text, "commands are set as code"
 
 
 async def test_the_index_leads_to_every_code(shown_site: Any) -> None:

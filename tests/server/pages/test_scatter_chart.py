@@ -267,10 +267,10 @@ spots = st.lists(
     ("ranked", "listed", "said"),
     [
         (19, 1, ""),
-        (21, 0, "Drawn are the first 20 of 21 ranked."),
-        (51, 2, "Drawn are the first 20 of 51 ranked, and none that is listed without a rank."),
-        (19, 2, "Drawn are all 19 ranked and the first 1 of 2 listed without a rank."),
-        (0, 21, "Drawn are the first 20 of 21 listed without a rank."),
+        (20, 0, ""),
+        (1200, 2, "Drawn are the first 20 of 1,202 scored, those with a rank before others."),
+        (19, 2, "Drawn are the first 20 of 21 scored, those with a rank before others."),
+        (0, 21, "Drawn are the first 20 of 21 scored, those with a rank before others."),
     ],
 )
 def test_a_chart_says_how_many_of_many_it_draws(

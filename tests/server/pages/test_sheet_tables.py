@@ -2,11 +2,13 @@
 
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.protocol import packaged_protocol
-from exceptiondrive_schemas.publish.examples import example_score_sheet
+from exceptiondrive_schemas.published import example_text
+from exceptiondrive_schemas.score_sheet import ScoreSheet
 from exceptiondrive_server.entries.sheet_tables import effect_table, sheet_tables
 from exceptiondrive_server.web.numbers import Digits
 
 PROTOCOL = packaged_protocol()
+EXAMPLE = ScoreSheet.model_validate_json(example_text("score-sheet"))
 ROWS = {
     "d_safe_x2": {"hcc_micro": 0.2, "hcc_macro_family": 0.25},
     "d_safe_x0.5": {"hcc_micro": 0.4, "hcc_macro_family": None},
@@ -14,7 +16,7 @@ ROWS = {
 
 
 def test_sensitivity_stands_around_the_row_that_ranks_from_less_to_more_clearance() -> None:
-    sheet = example_score_sheet().model_copy(update={"extra": ROWS})
+    sheet = EXAMPLE.model_copy(update={"extra": ROWS})
     (table,) = sheet_tables(sheet, PROTOCOL, Digits())
     assert table.heads == ("HCC % over families", "HCC % over samples")
     assert table.lines == (
@@ -27,7 +29,7 @@ def test_sensitivity_stands_around_the_row_that_ranks_from_less_to_more_clearanc
 def test_the_average_that_ranks_stands_first() -> None:
     grading = PROTOCOL.grading.model_copy(update={"headline": "micro"})
     protocol = PROTOCOL.model_copy(update={"grading": grading})
-    sheet = example_score_sheet().model_copy(update={"extra": ROWS})
+    sheet = EXAMPLE.model_copy(update={"extra": ROWS})
     (table,) = sheet_tables(sheet, protocol, Digits())
     assert table.heads[0] == "HCC % over samples"
 
@@ -37,7 +39,7 @@ def test_confusion_and_reminder_rows_have_tables_of_their_own() -> None:
         "confusion_CD": {"A": 2.0, "missing": 3.0},
         "reminder": {"n": 1.0, "presence_recall": 0.5},
     }
-    sheet = example_score_sheet().model_copy(update={"extra": extra})
+    sheet = EXAMPLE.model_copy(update={"extra": extra})
     confusion, reminder = sheet_tables(sheet, PROTOCOL, Digits())
     assert confusion.lines == (("C\u00a0D", ("2", "3")),)
     assert reminder.lines == (("hazard presence, recall", ("50.00",)),)
@@ -48,7 +50,7 @@ def test_confusion_and_reminder_rows_have_tables_of_their_own() -> None:
 
 
 def test_a_sheet_without_further_rows_has_no_table() -> None:
-    sheet = example_score_sheet().model_copy(update={"extra": {}})
+    sheet = EXAMPLE.model_copy(update={"extra": {}})
     assert sheet_tables(sheet, PROTOCOL, Digits()) == ()
 
 

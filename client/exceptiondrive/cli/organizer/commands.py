@@ -8,7 +8,7 @@ import typer
 
 from exceptiondrive.checking import write_file
 from exceptiondrive.cli import completion, news_commands, options
-from exceptiondrive.cli.account_commands import TOKEN_COLUMNS, left_words, show_revoked
+from exceptiondrive.cli.account_commands import TOKEN_COLUMNS, left_words, revoked
 from exceptiondrive.cli.options import argument, flag, one_of, option
 from exceptiondrive.cli.organizer import participation, phases, rescoring
 from exceptiondrive.cli.output import (
@@ -267,15 +267,12 @@ def issue_token(
     return issued, issued["token"]
 
 
+@with_organizer
 def revoke_token(
-    token_id: Annotated[str, argument("TOKEN_ID", "Id of the token.")],
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
+    organizer: Organizer, token_id: Annotated[str, argument("TOKEN_ID", "Id of the token.")]
+) -> Answer:
     """Revoke a token for good."""
-    with open_organizer(server) as organizer:
-        token = organizer.revoke_token(token_id)
-    show_revoked(token, json)
+    return revoked(organizer.revoke_token(token_id))
 
 
 @with_organizer

@@ -11,7 +11,6 @@ from typing import Annotated, Any
 
 import typer
 from rich.console import RenderableType
-from rich.progress import BarColumn, Progress, TextColumn
 
 from exceptiondrive.challenges import challenge_of
 from exceptiondrive.checking import write_file
@@ -19,7 +18,8 @@ from exceptiondrive.cli import completion, options
 from exceptiondrive.cli.file_tables import metric_head
 from exceptiondrive.cli.fitted_table import Column, FittedTable
 from exceptiondrive.cli.options import argument, flag, option
-from exceptiondrive.cli.output import Answer, console, has_terminal, replacing, say, show_result
+from exceptiondrive.cli.output import Answer, replacing, say, show_result
+from exceptiondrive.cli.progress import step_line
 from exceptiondrive.cli.session import command_of, open_organizer
 from exceptiondrive.errors import (
     ExceptionDriveError,
@@ -54,7 +54,6 @@ DIRECTIONS = {
 _LOOK_EVERY_S = 1.0
 _MAX_LOOKS = 120
 MAX_SAMPLE = 100_000
-_ENDED = (RunState.CLOSED, RunState.ROLLED_BACK, RunState.CANCELLED)
 
 
 @contextmanager
@@ -212,11 +211,11 @@ def _step(step: str, words: str) -> Callable[..., None]:
 
 def _watched(rescoring: Rescoring, run_id: str) -> RunView:
     """Follow a run until scoring has ended: ready, paused, failed or cancelled."""
-    with _bar("scoring") as show:
+    with step_line() as tell:
         while True:
             run = rescoring.run(run_id)
             progress = run.progress
-            show(progress.done, progress.total, progress.words)
+            tell(f"scoring: {progress.words}")
             waits = progress.total - progress.done - progress.failed
             is_stuck = progress.failed and not waits
             if run.state != RunState.SCORING or is_stuck:
@@ -226,11 +225,11 @@ def _watched(rescoring: Rescoring, run_id: str) -> RunView:
 
 def _tried(rescoring: Rescoring, run: RunView) -> RunView:
     """Wait until a worker has tried the split of a draft, which then may be refused."""
-    with _bar("trying the split") as show:
+    with step_line() as tell:
         for look in range(_MAX_LOOKS):
             if run.trial is None or run.trial.state != "waiting":
                 return run
-            show(0, 1, f"run {run.id}: a worker is to try the split")
+            tell(f"run {run.id}: a worker is to try the split")
             if look:
                 time.sleep(_LOOK_EVERY_S)
             run = rescoring.run(run.id)
@@ -243,12 +242,11 @@ def _tried(rescoring: Rescoring, run: RunView) -> RunView:
 
 
 def _verified(rescoring: Rescoring, found: VerificationView) -> VerificationView:
-    with _bar("recomputing") as show:
+    with step_line() as tell:
         while found.finished_at is None:
             time.sleep(_LOOK_EVERY_S)
             found = rescoring.verification(found.id)
-            made = found.n_equal + found.n_different + found.n_failed
-            show(made, found.n_sheets, verification_line(found))
+            tell(verification_line(found))
     return found
 
 
@@ -271,7 +269,7 @@ def run_lines(run: RunView) -> list[RenderableType]:
     lines += [f"  - {sentence}" for sentence in difference.sentences]
     if difference.remark:
         lines.append(f"  note: {difference.remark}")
-    if run.state not in _ENDED:
+    if not run.state.is_final:
         lines += [f"  ! {blocker}" for blocker in run.blockers]
     return lines
 
@@ -406,20 +404,6 @@ def verification_lines(found: VerificationView) -> Iterator[str]:
     yield verification_line(found)
     for problem in found.problems:
         yield f"  {problem.submission_id}  {problem.state}  {problem.note or ''}"
-
-
-@contextmanager
-def _bar(what: str) -> Iterator[Callable[[int, int, str], None]]:
-    """Give what moves a bar on a terminal; elsewhere nothing moves."""
-    columns = TextColumn(what), BarColumn(), TextColumn("{task.description}")
-    bar = Progress(
-        *columns, console=console(stderr=True), transient=True, disable=not has_terminal()
-    )
-    task = bar.add_task("", total=None)
-    with bar:
-        yield lambda done, total, words: bar.update(
-            task, completed=done, total=total, description=words
-        )
 
 
 def _interval(standing: Standing | None) -> str:
