@@ -23,6 +23,7 @@ from tests.server.pages.page_site import (
     sheet_of,
 )
 from tests.support.serving import served
+from tests.support.snapshots import Snapshots
 
 from exceptiondrive_schemas.board import Board, FamilyCell, PairedComparison
 from exceptiondrive_schemas.challenges import STRATEGY
@@ -76,9 +77,10 @@ def site(tmp_path: Path, migrated_sqlite: Path) -> Iterator[Site]:
 
 
 @pytest.fixture
-def lively_site(site: Site, lively_board: Board) -> Site:
+def lively_site(site: Site, lively_board: Board, tmp_path: Path, snapshots: Snapshots) -> Site:
     """Pages over a phase with a lively board."""
-    fill(site, lively_board)
+    url = str(site.database.engine.url)
+    snapshots.fill("lively site", url, tmp_path, lambda: fill(site, lively_board))
     return site
 
 
