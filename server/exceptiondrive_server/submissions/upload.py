@@ -147,12 +147,17 @@ async def received_upload(
         RequestValidationError: A field is missing, unknown, repeated or wrong.
     """
     _require_form(request)
-    if principal.team_is_pending:  # strangers may register as many as they like
-        raise problem_of(NotAllowed(NOT_APPROVED))
+    _require_sender(principal)
     with services.upload_places.held_by(team_of(principal)):
         form = request.form(max_files=1, max_fields=MAX_FIELDS, max_part_size=MAX_FIELD_BYTES)
         async with form as received:
             yield _upload_of(received, form_token)
+
+
+def _require_sender(principal: Principal) -> None:
+    """Let no team take a place that nobody approved: strangers may register as many as they like."""
+    if principal.team_is_pending:
+        raise problem_of(NotAllowed(NOT_APPROVED))
 
 
 def _require_form(request: Request) -> None:
