@@ -16,7 +16,7 @@ from sqlalchemy import inspect, make_url, select, text
 from sqlalchemy.exc import DBAPIError
 from tests.chaos.story import Lived
 from tests.support.broker import PrivateBroker
-from tests.support.databases import as_role, read_only
+from tests.support.databases import POSTGRES_ALONE, as_role, read_only
 from tests.support.forked import Forked
 from tests.support.processes import plain_environment, wait_until
 
@@ -345,6 +345,19 @@ def test_records_without_their_guards_are_an_error(healthy: ServerSettings, live
     (finding,) = troubles(healthy)
     assert finding.severity is Severity.ERROR
     assert "audit_lines" in finding.what
+
+
+@POSTGRES_ALONE
+def test_guards_that_are_disabled_are_an_error(healthy: ServerSettings, database_url: str) -> None:
+    """As a copy with `--disable-triggers` leaves them where it breaks off."""
+    migrate(database_url)
+    settings = healthy.model_copy(update={"database_url": database_url})
+    assert "append-only" not in whats(settings)
+    database = Database(database_url)
+    with database.write() as session:
+        session.execute(text("ALTER TABLE audit_lines DISABLE TRIGGER ALL"))
+    database.dispose()
+    assert "the triggers that keep audit_lines append-only are gone or disabled" in whats(settings)
 
 
 def test_what_the_database_said_is_told(healthy: ServerSettings, database_url: str) -> None:

@@ -219,14 +219,15 @@ def _append_only(database: Database) -> Iterator[Finding]:
     dialect = database.engine.dialect.name
     listing = {
         "sqlite": "SELECT tbl_name FROM sqlite_master WHERE type = 'trigger'",
-        "postgresql": "SELECT tgrelid::regclass::text FROM pg_trigger WHERE NOT tgisinternal",
+        "postgresql": "SELECT tgrelid::regclass::text FROM pg_trigger "
+        "WHERE NOT tgisinternal AND tgenabled IN ('O', 'A')",  # that is, at work in every session
     }[dialect]
     with database.read() as session:
         guarded = set(session.scalars(text(listing)))
     missing = {"audit_lines", "boards", "protocols"} - guarded
     if missing:
         yield _error(
-            f"the triggers that keep {', '.join(sorted(missing))} append-only are gone",
+            f"the triggers that keep {', '.join(sorted(missing))} append-only are gone or disabled",
             "restore a backup into new records: somebody has altered the schema",
         )
 
