@@ -16,7 +16,7 @@ import tarfile
 import zipfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import pytest
@@ -475,9 +475,9 @@ def by_side() -> bytes:
     )
 
 
-def in_columns() -> bytes:
-    columns = ("sample_id", "source", "edited")
-    return as_bytes({key: [each[key] for each in predictions()] for key in columns})
+def in_columns(ids: str = "sample_id") -> bytes:
+    columns = {ids: "sample_id", "source": "source", "edited": "edited"}
+    return as_bytes({name: [each[key] for each in predictions()] for name, key in columns.items()})
 
 
 CONVERT = "`exceptiondrive convert FILE"
@@ -511,6 +511,9 @@ MORE: dict[str, Row] = {
     ),
     "columns": Row(
         in_columns, {"wrong_type": "1 value"}, ["3 values under other keys", ONE_A_SAMPLE]
+    ),
+    "columns, the ids in the plural": Row(
+        partial(in_columns, "sample_ids"), {"wrong_type": "1 value"}, [ONE_A_SAMPLE]
     ),
     "UTF-16 without a mark": Row(
         lambda: as_bytes(sound()).decode().encode("utf-16-le"),

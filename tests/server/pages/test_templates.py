@@ -45,6 +45,13 @@ def test_a_template_has_short_lines_and_one_block_a_line(path: Path) -> None:
         assert len(BEGINS_A_LINE.findall(line)) <= 1, f"line {number} begins several blocks: {line}"
 
 
+@pytest.mark.parametrize("path", TEMPLATES, ids=lambda path: f"{path.parent.name}/{path.name}")
+def test_a_text_that_the_keyboard_reaches_has_a_role_for_its_name(path: Path) -> None:
+    """A name of an element without a role is not read out."""
+    for text in re.findall(r"<pre\b[^>]*>", path.read_text()):
+        assert ("tabindex=" in text) == ('role="group"' in text), text
+
+
 @pytest.mark.parametrize(
     ("written", "sent"),
     [
