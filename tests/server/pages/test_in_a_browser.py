@@ -242,6 +242,21 @@ def test_the_head_of_the_names_stays_above_the_numbers_that_scroll_under_it(visi
     )
 
 
+def test_going_back_to_a_head_that_lies_under_the_names_brings_it_out(visit: Visit) -> None:
+    page = visit.open("/", width=640, reduced_motion="reduce")
+    page.evaluate("document.querySelector('.scroll.b').scrollLeft = 999")
+    page.focus("#s-ur")
+    for _ in ("what HCC is", "HCC"):
+        page.keyboard.press("Shift+Tab")
+    link, names = (
+        page.locator("#s-hcc").bounding_box(),
+        page.locator(".method").first.bounding_box(),
+    )
+    assert link is not None and names is not None
+    assert page.evaluate("document.activeElement.id") == "s-hcc"
+    assert link["x"] >= names["x"] + names["width"]
+
+
 def test_a_search_keeps_the_order_and_the_head_of_the_ranks_leads_back_to_theirs(
     visit: Visit,
 ) -> None:
