@@ -252,7 +252,8 @@ def test_going_back_to_a_head_that_lies_under_the_names_brings_it_out(visit: Vis
         page.locator("#s-hcc").bounding_box(),
         page.locator(".method").first.bounding_box(),
     )
-    assert link is not None and names is not None
+    assert link is not None
+    assert names is not None
     assert page.evaluate("document.activeElement.id") == "s-hcc"
     assert link["x"] >= names["x"] + names["width"]
 
