@@ -700,3 +700,20 @@ def test_of_a_published_split_both_parts_are_public_and_nothing_says_that_they_a
             run = life.reveal()
             life.move(closes_at=life.now())
             life.apply(run)
+
+
+def test_what_comes_within_a_later_deadline_that_a_reveal_ended_is_late(life: "Life") -> None:
+    policy = {"frozen_scores": "hidden", "late_entries": "own_view"}
+    life.make_phase(split="plain", closes_at=life.ahead(60), policy=policy)
+    life.submit("beta", 9.0, "M", "plain")
+    life.done("/phases/test/freeze")
+    life.work()
+    life.move(closes_at=life.now())
+    grant = {"closes_at": life.ahead(60), "reason": "ill"}
+    life.done("/teams/beta/allowances/test", grant, "PATCH")
+    life.done("/phases/test/reveal", {"what": "board", "reason": "the end"})
+    after = life.submit("beta", 1.0, "M", "plain")
+    life.work()
+    assert life.json(f"/api/v1/submissions/{after}", "beta")["is_late"]
+    assert after not in life.entry_ids()
+    assert after in life.entry_ids("&view=late")
