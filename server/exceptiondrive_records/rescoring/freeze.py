@@ -6,11 +6,12 @@ from datetime import datetime
 from sqlalchemy import exists, select
 from sqlalchemy.orm import Session
 
+from exceptiondrive_records.accounts.people import hold_team
 from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.boards.boards import current_board
 from exceptiondrive_records.db.identifiers import checked_reason
 from exceptiondrive_records.notifications.inbox import tell_team
-from exceptiondrive_records.phases.allowances import allowance_of, is_revealed
+from exceptiondrive_records.phases.allowances import allowance_of, is_revealed, running_deadlines
 from exceptiondrive_records.phases.policy import own_deadline
 from exceptiondrive_records.phases.scoring_keys import key_of_phase
 from exceptiondrive_records.phases.tables import Phase
@@ -56,6 +57,14 @@ def tell_teams(session: Session, phase: Phase, title: str, sentence: str) -> Non
         tell_team(session, team, "phase_changed", title, sentences, phase=phase.id)
 
 
+def hold_running_deadlines(session: Session, phase: Phase) -> list[tuple[Team, datetime]]:
+    """Return what runs until a reveal (`running_deadlines`); an upload of these teams comes before it, or after it."""
+    running = running_deadlines(session, phase)
+    for team_id in sorted(team.id for team, _ in running):
+        hold_team(session, team_id)
+    return running
+
+
 def tell_of_ended_deadlines(
     session: Session, phase: Phase, running: Iterable[tuple[Team, datetime]]
 ) -> None:
@@ -64,7 +73,7 @@ def tell_of_ended_deadlines(
     Args:
         session: Of the write transaction that reveals.
         phase: Of the teams; of a hidden one nothing is told.
-        running: What ran before (`running_deadlines`).
+        running: What ran before (`hold_running_deadlines`).
     """
     if phase.visibility == "hidden" or not is_revealed(session, phase):
         return

@@ -15,7 +15,7 @@ from exceptiondrive_records.boards.renewal import renew_boards
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import Conflict
 from exceptiondrive_records.notifications.tables import Notification
-from exceptiondrive_records.phases.allowances import end_own_deadlines, running_deadlines
+from exceptiondrive_records.phases.allowances import end_own_deadlines
 from exceptiondrive_records.phases.changes import update_phase
 from exceptiondrive_records.phases.phases import lock_phase
 from exceptiondrive_records.phases.policy import frozen_since
@@ -25,6 +25,7 @@ from exceptiondrive_records.rescoring.comparison import compare_rows
 from exceptiondrive_records.rescoring.flip import notify_of_run
 from exceptiondrive_records.rescoring.freeze import (
     end_freeze,
+    hold_running_deadlines,
     tell_of_ended_deadlines,
     tell_teams,
 )
@@ -65,7 +66,7 @@ def reveal_board(session: Session, phase_id: str, *, reason: str, actor: str) ->
     now = database_now(session)
     if frozen_since(phase, now) is None:
         raise Conflict("The board is not frozen: there is nothing to reveal.")
-    running = running_deadlines(session, phase)
+    running = hold_running_deadlines(session, phase)
     end_freeze(session, phase, now, reason=reason, actor=actor)
     end_own_deadlines(session, phase, now)
     tell_of_ended_deadlines(session, phase, running)
