@@ -765,3 +765,22 @@ def test_what_comes_within_a_later_deadline_that_a_reveal_ended_is_late(life: "L
     assert life.json(f"/api/v1/submissions/{after}", "beta")["is_late"]
     assert after not in life.entry_ids()
     assert after in life.entry_ids("&view=late")
+
+
+@pytest.mark.parametrize("deed", ["unpublish", "withdraw"])
+def test_a_reveal_shows_no_entry_that_its_team_took_back_before_it(life: "Life", deed: str) -> None:
+    """Workers may have built no board since: what one shows once, it shows for ever."""
+    policy = {"frozen_scores": "hidden", "entries_private": True}
+    life.make_phase(split="plain", closes_at=life.ahead(60), policy=policy)
+    life.work()
+    life.done("/phases/test/freeze")
+    own = life.submit("beta", 1.0, "M", "plain")
+    life.work()
+    assert life.request("POST", f"/api/v1/submissions/{own}/publish", "beta").status_code == 200
+    life.work()
+    assert life.request("POST", f"/api/v1/submissions/{own}/{deed}", "beta").status_code == 200
+    life.done("/phases/test/reveal", {"what": "board", "reason": "the end"})
+    assert life.entry_ids() == []
+    life.work()
+    boards = [line["address"] for line in life.json("/api/v1/boards?phase=test")]
+    assert all(own not in life.get(address).text for address in boards)

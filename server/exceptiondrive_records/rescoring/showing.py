@@ -8,10 +8,12 @@ from sqlalchemy.orm import Session
 from exceptiondrive_records.boards.boards import (
     boards_of_flip,
     entries_on,
+    entry_ids,
     flip_board,
     latest_board,
 )
 from exceptiondrive_records.boards.renewal import renew_boards
+from exceptiondrive_records.boards.standings import entry_ids_for_board
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import Conflict
 from exceptiondrive_records.notifications.tables import Notification
@@ -58,6 +60,8 @@ def change_phase(session: Session, phase_id: str, change: PhaseChange, *, actor:
 def reveal_board(session: Session, phase_id: str, *, reason: str, actor: str) -> Phase:
     """End the freeze: the public board is the newest one at once; tell of scores that were kept back.
 
+    Where an entry was taken back, or off the board, since that was built, it is the next one.
+
     Raises:
         NotFound: No such phase.
         Conflict: It is not frozen.
@@ -71,7 +75,8 @@ def reveal_board(session: Session, phase_id: str, *, reason: str, actor: str) ->
     end_own_deadlines(session, phase, now)
     tell_of_ended_deadlines(session, phase, running)
     row = latest_board(session, phase.id, key_of_phase(phase))
-    if row is not None:
+    due = entry_ids_for_board(session, phase.id, key_of_phase(phase))
+    if row is not None and entry_ids(session, row.id) <= due:
         flip_board(session, phase, row)
     renew_boards(session, phase)
     return phase
