@@ -13,12 +13,12 @@ from exceptiondrive_records.boards.boards import (
     latest_board,
 )
 from exceptiondrive_records.boards.renewal import renew_boards
-from exceptiondrive_records.boards.standings import entry_ids_for_board
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import Conflict
 from exceptiondrive_records.notifications.tables import Notification
 from exceptiondrive_records.phases.allowances import end_own_deadlines
 from exceptiondrive_records.phases.changes import update_phase
+from exceptiondrive_records.phases.disqualified import is_one_taken_back
 from exceptiondrive_records.phases.phases import lock_phase
 from exceptiondrive_records.phases.policy import frozen_since
 from exceptiondrive_records.phases.scoring_keys import key_of_phase
@@ -60,7 +60,7 @@ def change_phase(session: Session, phase_id: str, change: PhaseChange, *, actor:
 def reveal_board(session: Session, phase_id: str, *, reason: str, actor: str) -> Phase:
     """End the freeze: the public board is the newest one at once; tell of scores that were kept back.
 
-    Where an entry was taken back, or off the board, since that was built, it is the next one.
+    Where an entry was taken back since that was built, it is the next one.
 
     Raises:
         NotFound: No such phase.
@@ -75,8 +75,7 @@ def reveal_board(session: Session, phase_id: str, *, reason: str, actor: str) ->
     end_own_deadlines(session, phase, now)
     tell_of_ended_deadlines(session, phase, running)
     row = latest_board(session, phase.id, key_of_phase(phase))
-    due = entry_ids_for_board(session, phase.id, key_of_phase(phase))
-    if row is not None and entry_ids(session, row.id) <= due:
+    if row is not None and not is_one_taken_back(session, phase, entry_ids(session, row.id)):
         flip_board(session, phase, row)
     renew_boards(session, phase)
     return phase
