@@ -67,10 +67,10 @@ def reveal_board(session: Session, phase_id: str, *, reason: str, actor: str) ->
         Conflict: It is not frozen.
     """
     phase = lock_phase(session, phase_id)
+    running = hold_running_deadlines(session, phase)
     now = database_now(session)
     if frozen_since(phase, now) is None:
         raise Conflict("The board is not frozen: there is nothing to reveal.")
-    running = hold_running_deadlines(session, phase)
     end_freeze(session, phase, now, reason=reason, actor=actor)
     end_own_deadlines(session, phase, now)
     tell_of_ended_deadlines(session, phase, running)
