@@ -2,17 +2,23 @@
 
 import re
 from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
 from datetime import datetime, timedelta
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from sqlalchemy import event
 from tests.phases.browsing import visitor
 from tests.phases.life import CAREFUL, PRIVATE_ONLY, PUBLIC_ONLY, SAMPLES, split_of
+from tests.support.databases import POSTGRES_ALONE, wait_until_it_waits
 from tests.support.documents import strategy_file
 from tests.support.worker import add_split
 
 from exceptiondrive_records.db.errors import PhaseClosed
 from exceptiondrive_records.protocols.protocols import find_protocol
+from exceptiondrive_records.rescoring.flip import apply_run
+from exceptiondrive_records.rescoring.showing import reveal_board
+from exceptiondrive_records.rescoring.views import preview_of
 from exceptiondrive_records.splits.drawings import entry_drawings
 from exceptiondrive_records.splits.splits import find_split, list_splits
 from exceptiondrive_records.submissions.submissions import accept
@@ -315,6 +321,48 @@ def test_a_later_deadline_of_a_team_ends_with_the_reveal(life: "Life", what: str
     assert (late.status_code, "own deadline ended" in late.json()["detail"]) == (403, True)
     assert life.get("/phases/test/report").status_code == 200, "all teams are done"
     assert "revealed" in life.refused("/teams/beta/allowances/test", grant, 409, "PATCH")
+
+
+@POSTGRES_ALONE
+@pytest.mark.parametrize("what", ["split", "board"])
+def test_an_upload_that_is_under_way_at_a_reveal_takes_no_later_deadline_past_it(
+    life: "Life", what: str
+) -> None:
+    """Else its team chooses between two entries by the scores that were kept from all."""
+    hidden = {"live_part": "public"} if what == "split" else {"frozen_scores": "hidden"}
+    life.make_phase(closes_at=life.ahead(60), policy={"run_choice": "team", **hidden})
+    life.submit("beta", PUBLIC_ONLY)
+    life.work()
+    run = life.reveal() if what == "split" else life.done("/phases/test/freeze") and ""
+    life.move(closes_at=life.now())
+    grant = {"closes_at": life.ahead(60), "reason": "ill"}
+    life.done("/teams/beta/allowances/test", grant, "PATCH")
+    life.work()
+
+    def reveal() -> None:
+        with life.database.write() as session:
+            if what == "board":
+                reveal_board(session, "test", reason="the end", actor="test")
+            else:
+                seen = preview_of(session, run).digest
+                apply_run(session, run, preview=seen, reason="the end", actor="test")
+
+    with ThreadPoolExecutor() as pool:
+        reveals: list[Future[None]] = []
+
+        def reveal_before(connection: Any, cursor: Any, statement: str, *_: Any) -> None:
+            if statement.startswith("INSERT INTO submissions") and not reveals:
+                reveals.append(pool.submit(reveal))
+                wait_until_it_waits(life.database, reveals[0].done)
+
+        services = life.client.app.state.services  # type: ignore[attr-defined]
+        event.listen(services.database.engine, "before_cursor_execute", reveal_before)
+        newest = life.submit("beta", PRIVATE_ONLY)
+        reveals[0].result()
+    life.work()
+    assert newest in life.entry_ids()
+    chosen = life.request("POST", f"/api/v1/submissions/{newest}/choose", "beta")
+    assert (chosen.status_code, "deadline was" in chosen.json()["detail"]) == (409, True)
 
 
 @pytest.mark.parametrize("scores", ["shown", "hidden"])
@@ -700,3 +748,39 @@ def test_of_a_published_split_both_parts_are_public_and_nothing_says_that_they_a
             run = life.reveal()
             life.move(closes_at=life.now())
             life.apply(run)
+
+
+def test_what_comes_within_a_later_deadline_that_a_reveal_ended_is_late(life: "Life") -> None:
+    policy = {"frozen_scores": "hidden", "late_entries": "own_view"}
+    life.make_phase(split="plain", closes_at=life.ahead(60), policy=policy)
+    life.submit("beta", 9.0, "M", "plain")
+    life.done("/phases/test/freeze")
+    life.work()
+    life.move(closes_at=life.now())
+    grant = {"closes_at": life.ahead(60), "reason": "ill"}
+    life.done("/teams/beta/allowances/test", grant, "PATCH")
+    life.done("/phases/test/reveal", {"what": "board", "reason": "the end"})
+    after = life.submit("beta", 1.0, "M", "plain")
+    life.work()
+    assert life.json(f"/api/v1/submissions/{after}", "beta")["is_late"]
+    assert after not in life.entry_ids()
+    assert after in life.entry_ids("&view=late")
+
+
+@pytest.mark.parametrize("deed", ["unpublish", "withdraw"])
+def test_a_reveal_shows_no_entry_that_its_team_took_back_before_it(life: "Life", deed: str) -> None:
+    """Workers may have built no board since: what one shows once, it shows for ever."""
+    policy = {"frozen_scores": "hidden", "entries_private": True}
+    life.make_phase(split="plain", closes_at=life.ahead(60), policy=policy)
+    life.work()
+    life.done("/phases/test/freeze")
+    own = life.submit("beta", 1.0, "M", "plain")
+    life.work()
+    assert life.request("POST", f"/api/v1/submissions/{own}/publish", "beta").status_code == 200
+    life.work()
+    assert life.request("POST", f"/api/v1/submissions/{own}/{deed}", "beta").status_code == 200
+    life.done("/phases/test/reveal", {"what": "board", "reason": "the end"})
+    assert life.entry_ids() == []
+    life.work()
+    boards = [line["address"] for line in life.json("/api/v1/boards?phase=test")]
+    assert all(own not in life.get(address).text for address in boards)

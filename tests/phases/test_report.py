@@ -4,7 +4,13 @@ from typing import TYPE_CHECKING, Any
 
 from tests.phases.life import CAREFUL, PRIVATE_ONLY, PUBLIC_ONLY
 from tests.phases.test_page import text_of
+from tests.support.worker import due_jobs, score_submission
 
+from exceptiondrive_records.audit.log import audit
+from exceptiondrive_records.boards.boards import flip_board, latest_board
+from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.phases.phases import lock_phase
+from exceptiondrive_records.phases.scoring_keys import key_of_phase
 from exceptiondrive_records.protocols.protocols import add_protocol
 from exceptiondrive_schemas.protocol import packaged_protocol_toml
 
@@ -119,6 +125,42 @@ def test_a_freeze_that_hid_nothing_is_no_reveal(life: "Life") -> None:
         add_protocol(session, packaged_protocol_toml("1.1"), "test")
     life.apply(life.start_run(protocol="1.1"))
     assert life.json(REPORT)["shake_up"] is None, "an update is no reveal"
+
+
+def test_a_freeze_that_ends_before_its_newest_scores_stand_on_a_board_is_a_reveal(
+    life: "Life",
+) -> None:
+    life.make_phase(split="plain", closes_at=life.ahead(60))
+    early = life.submit("alpha", 1.0, "Early", "plain")
+    life.work()
+    life.done("/phases/test/freeze")
+    late = life.submit("beta", 0.5, "Behind the freeze", "plain")
+    life.move(closes_at=life.now())
+    for job_id in due_jobs(life.database):
+        score_submission(life.context, job_id)
+    life.done("/phases/test/reveal", {"what": "board", "reason": "the end"})
+    life.work()
+    places = life.json(REPORT)["shake_up"]["places"]
+    assert {one["submission_id"]: one["before"] for one in places} == {early: 1, late: None}
+
+
+def test_a_reveal_of_a_version_that_named_no_board_in_the_audit_log_is_told(life: "Life") -> None:
+    life.make_phase(split="plain", closes_at=life.ahead(60))
+    early = life.submit("alpha", 1.0, "Early", "plain")
+    life.work()
+    life.done("/phases/test/freeze")
+    late = life.submit("beta", 0.5, "Behind the freeze", "plain")
+    life.work()
+    life.move(closes_at=life.now())
+    with life.database.write() as session:
+        phase = lock_phase(session, "test")
+        phase.unfrozen_at = database_now(session)
+        row = latest_board(session, phase.id, key_of_phase(phase))
+        assert row is not None
+        flip_board(session, phase, row)
+        audit(session, "test", "freeze ended", phase.id, {"reason": "the end"})
+    places = life.json(REPORT)["shake_up"]["places"]
+    assert {one["submission_id"]: one["before"] for one in places} == {early: 1, late: None}
 
 
 def test_a_reveal_that_ended_a_freeze_and_was_rolled_back_is_told_as_its_end(life: "Life") -> None:

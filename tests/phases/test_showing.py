@@ -65,6 +65,28 @@ def submit(life: "Life", who: str, speed: float, method: str = "Planner") -> str
 # --- freeze -----------------------------------------------------------------------------------
 
 
+def test_no_answer_tells_a_submission_that_stands_on_no_board_from_none(life: "Life") -> None:
+    plain(life)
+    submit(life, "alpha", 3.0)
+    life.make_phase("second", split="plain", policy={"entries_private": True})
+    private = life.submit("beta", 1.0, "Secret", "plain", "second")
+    life.work()
+    made_up = "0" * len(private)
+    for query in (
+        "",
+        "?board=1",
+        "?board=99",
+        "?phase=second&board=99",
+        "?phase=test",
+        "?protocol=7",
+    ):
+        for path in ("/entries/", "/api/v1/entries/"):
+            told = [life.get(f"{path}{key}{query}").text for key in (private, made_up)]
+            own, none = (re.sub(f"{private}|{made_up}|[0-9a-f]{{32}}", "ID", text) for text in told)
+            assert own == none, (path, query)
+            assert "There is no entry" in own or (query, path[:4]) == ("?protocol=7", "/api")
+
+
 @pytest.mark.parametrize("scores", ["shown", "hidden"])
 def test_a_frozen_board_stays_while_scoring_goes_on(life: "Life", scores: str) -> None:
     plain(life, showing={"frozen_scores": scores})

@@ -170,6 +170,20 @@ PROTECTIONS = (
         "tests/phases/test_parts.py::test_a_later_deadline_of_a_team_ends_with_the_reveal",
     ),
     Protection(
+        "late-after-reveal",
+        f"{RECORDS}.submissions.submissions:is_revealed",
+        _always(False),
+        "tests/phases/test_parts.py::"
+        "test_what_comes_within_a_later_deadline_that_a_reveal_ended_is_late",
+    ),
+    Protection(
+        "taken-back",
+        f"{RECORDS}.boards.boards:is_one_taken_back",
+        _always(False),
+        "tests/records/test_boards.py::"
+        "test_readers_see_no_entry_that_was_taken_back_while_the_board_was_built",
+    ),
+    Protection(
         "order-of-phases",
         f"{SERVER}.web.organizer_rights:require_order_right",
         _nothing,

@@ -20,7 +20,9 @@ from exceptiondrive_records.boards.tables import BoardEntryRow, BoardRow
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.db.memory import Memory
+from exceptiondrive_records.entries.selection import publish, unpublish
 from exceptiondrive_records.operations.invariants import broken_boards
+from exceptiondrive_records.participation.disqualification import disqualify_submission
 from exceptiondrive_records.phases.scoring_keys import ScoringKey, key_of_phase
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.rescoring.views import board_history
@@ -157,6 +159,37 @@ def test_what_came_while_a_board_was_built_is_built_next(world: World) -> None:
         boards.publish_board(session, claim, world.board("a"))
     with world.database.read() as session:
         assert is_board_wanted(session, "dev", *shown_key(session))
+
+
+@pytest.mark.parametrize("deed", ["withdraw", "make private", "disqualify"])
+def test_readers_see_no_entry_that_was_taken_back_while_the_board_was_built(
+    world: World, deed: str
+) -> None:
+    """What a board shows once, it shows for ever."""
+    with world.database.write() as session:
+        phase = session.get_one(Phase, "dev")
+        phase.policy = phase.policy.model_copy(update={"entries_private": True})
+    own = world.scored("one")
+    with world.database.write() as session:
+        publish(session, own, actor="test")
+    claim = world.claim_board()
+    assert claim is not None
+    with world.database.write() as session:
+        if deed == "withdraw":
+            withdraw(session, own, actor="test")
+        elif deed == "make private":
+            unpublish(session, own, actor="test")
+        else:
+            disqualify_submission(session, own, reason="a copy", actor="test")
+    with world.database.write() as session:
+        row = boards.publish_board(session, claim, world.board(own))
+    with world.database.read() as session:
+        assert row is not None
+        assert boards.is_draft(session, row)
+        assert count_audit_lines(session, "board published") == 0
+    shown = world.publish(world.board())
+    with world.database.read() as session:
+        assert session.get_one(Phase, "dev").current_board_id == shown.id
 
 
 def test_what_was_built_before_is_no_attempt_of_the_next_build(world: World) -> None:

@@ -14,6 +14,7 @@ from exceptiondrive_records.boards.tables import BoardEntryRow, BoardFlip, Board
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.db.memory import Memory
+from exceptiondrive_records.phases.disqualified import is_one_taken_back
 from exceptiondrive_records.phases.phases import lock_phase
 from exceptiondrive_records.phases.policy import frozen_since, is_pseudonym, shown_board
 from exceptiondrive_records.phases.scoring_keys import ScoringKey, is_of_key
@@ -47,7 +48,7 @@ def publish_board(
     Number and date are given here; what may not be shown yet is left out here, so that it is in
     nothing that is served. A board that says what the latest one of this protocol says is not
     appended again; a draft is, as numbers of public boards would tell whether it changed. While the
-    phase is frozen its pointers stay.
+    phase is frozen its pointers stay, and where an entry was taken back meanwhile: the next board lacks it.
 
     Returns:
         The row that holds the board; None when the lease was lost and nothing was recorded.
@@ -60,6 +61,9 @@ def publish_board(
         return None
     now = database_now(session)
     kept_back = _kept_back(phase, request, now)
+    ids = {key for each in (board, late) if each for key in each.entries_by_submission}
+    if not kept_back and is_one_taken_back(session, phase, ids):
+        kept_back = "an entry was taken back while it was built"
     row = _kept_or_appended(session, request, shown_board(phase, board, now), "main", kept_back)
     late_row = late and _kept_or_appended(
         session, request, shown_board(phase, late, now), "late", kept_back

@@ -17,6 +17,7 @@ from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_schemas.api.participation import DisqualificationNote
+from exceptiondrive_schemas.api.submission import SubmissionStatus
 
 _IS_OF_SUBMISSION = and_(
     Disqualification.team_id == Submission.team_id,
@@ -65,6 +66,15 @@ def disqualified_ids(session: Session, phase_id: str) -> frozenset[str]:
     is_out = exists().where(_IS_OF_SUBMISSION)
     query = select(Submission.id).where(Submission.phase_id == phase_id, is_out)
     return frozenset(session.scalars(query))
+
+
+def is_one_taken_back(session: Session, phase: Phase, submission_ids: set[str]) -> bool:
+    """Whether one of them is withdrawn, private or disqualified by now: readers are to see no new board with it."""
+    is_out = exists().where(_IS_OF_SUBMISSION) | (Submission.status == SubmissionStatus.WITHDRAWN)
+    if phase.policy.entries_private:
+        is_out |= Submission.published_at.is_(None)
+    query = select(Submission.id).where(Submission.phase_id == phase.id, is_out)
+    return not submission_ids.isdisjoint(session.scalars(query))
 
 
 def disqualified_since(session: Session, submissions: Sequence[Submission]) -> dict[str, datetime]:

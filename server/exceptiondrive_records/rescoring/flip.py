@@ -12,7 +12,7 @@ from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.db.errors import Conflict
 from exceptiondrive_records.notifications.inbox import notify_teams
-from exceptiondrive_records.phases.allowances import end_own_deadlines, running_deadlines
+from exceptiondrive_records.phases.allowances import end_own_deadlines
 from exceptiondrive_records.phases.phases import lock_phase
 from exceptiondrive_records.phases.policy import frozen_since
 from exceptiondrive_records.phases.scoring_keys import (
@@ -36,7 +36,11 @@ from exceptiondrive_records.rescoring.comparison import (
     what_changed,
 )
 from exceptiondrive_records.rescoring.fan_out import cancel_jobs
-from exceptiondrive_records.rescoring.freeze import end_freeze, tell_of_ended_deadlines
+from exceptiondrive_records.rescoring.freeze import (
+    end_freeze,
+    hold_running_deadlines,
+    tell_of_ended_deadlines,
+)
 from exceptiondrive_records.rescoring.progress import (
     count_sheets,
     failed_sheets,
@@ -189,7 +193,7 @@ def apply_run(
     run = move_run(session, run_id, RunAction.APPLY, reason, actor, no_longer_ranked=lost)
     run.applied_at = run.state_at
     run.comparison = compared.comparison
-    running = running_deadlines(session, phase)
+    running = hold_running_deadlines(session, phase)
     if frozen_since(phase, run.state_at) is not None:  # only a reveal comes here
         end_freeze(session, phase, run.state_at, reason=reason, actor=actor)
     run.apply_flip_id = _flip(session, phase, row, new_key(run))

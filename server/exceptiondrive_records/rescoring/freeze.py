@@ -6,14 +6,16 @@ from datetime import datetime
 from sqlalchemy import exists, select
 from sqlalchemy.orm import Session
 
+from exceptiondrive_records.accounts.people import hold_team
 from exceptiondrive_records.audit.log import audit
-from exceptiondrive_records.boards.boards import current_board, latest_board
+from exceptiondrive_records.boards.boards import current_board
 from exceptiondrive_records.db.identifiers import checked_reason
 from exceptiondrive_records.notifications.inbox import tell_team
-from exceptiondrive_records.phases.allowances import allowance_of, is_revealed
+from exceptiondrive_records.phases.allowances import allowance_of, is_revealed, running_deadlines
 from exceptiondrive_records.phases.policy import own_deadline
 from exceptiondrive_records.phases.scoring_keys import key_of_phase
 from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.rescoring.progress import fresh_board
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.teams.teams import teams_that_read
@@ -22,7 +24,7 @@ from exceptiondrive_records.teams.teams import teams_that_read
 def end_freeze(session: Session, phase: Phase, now: datetime, *, reason: str, actor: str) -> None:
     """Let boards of a frozen phase be shown again, and tell its teams of scores that were kept back.
 
-    The audit log names the board that readers saw in the place of a newer one.
+    The audit log names the board that readers saw in the place of a newer one, built or to be built.
     """
     since = Submission.received_at >= phase.policy.freezes_at
     kept_back = exists(ScoreSheetRow).where(
@@ -30,7 +32,7 @@ def end_freeze(session: Session, phase: Phase, now: datetime, *, reason: str, ac
     )
     phase.unfrozen_at = now
     shown = current_board(session, phase.id)
-    has_newer = shown != latest_board(session, phase.id, key_of_phase(phase))
+    has_newer = shown != fresh_board(session, phase.id, key_of_phase(phase))
     number = shown.number if shown is not None and has_newer else None
     detail = {"reason": checked_reason(reason), "board": number}
     audit(session, actor, "freeze ended", phase.id, detail)
@@ -55,6 +57,14 @@ def tell_teams(session: Session, phase: Phase, title: str, sentence: str) -> Non
         tell_team(session, team, "phase_changed", title, sentences, phase=phase.id)
 
 
+def hold_running_deadlines(session: Session, phase: Phase) -> list[tuple[Team, datetime]]:
+    """Return what runs until a reveal (`running_deadlines`); an upload of these teams comes before it, or after it."""
+    running = running_deadlines(session, phase)
+    for team_id in sorted(team.id for team, _ in running):
+        hold_team(session, team_id)
+    return running
+
+
 def tell_of_ended_deadlines(
     session: Session, phase: Phase, running: Iterable[tuple[Team, datetime]]
 ) -> None:
@@ -63,7 +73,7 @@ def tell_of_ended_deadlines(
     Args:
         session: Of the write transaction that reveals.
         phase: Of the teams; of a hidden one nothing is told.
-        running: What ran before (`running_deadlines`).
+        running: What ran before (`hold_running_deadlines`).
     """
     if phase.visibility == "hidden" or not is_revealed(session, phase):
         return

@@ -8,6 +8,7 @@ from sqlalchemy.orm import Session
 from exceptiondrive_records.boards.boards import (
     boards_of_flip,
     entries_on,
+    entry_ids,
     flip_board,
     latest_board,
 )
@@ -15,8 +16,9 @@ from exceptiondrive_records.boards.renewal import renew_boards
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import Conflict
 from exceptiondrive_records.notifications.tables import Notification
-from exceptiondrive_records.phases.allowances import end_own_deadlines, running_deadlines
+from exceptiondrive_records.phases.allowances import end_own_deadlines
 from exceptiondrive_records.phases.changes import update_phase
+from exceptiondrive_records.phases.disqualified import is_one_taken_back
 from exceptiondrive_records.phases.phases import lock_phase
 from exceptiondrive_records.phases.policy import frozen_since
 from exceptiondrive_records.phases.scoring_keys import key_of_phase
@@ -25,6 +27,7 @@ from exceptiondrive_records.rescoring.comparison import compare_rows
 from exceptiondrive_records.rescoring.flip import notify_of_run
 from exceptiondrive_records.rescoring.freeze import (
     end_freeze,
+    hold_running_deadlines,
     tell_of_ended_deadlines,
     tell_teams,
 )
@@ -57,20 +60,22 @@ def change_phase(session: Session, phase_id: str, change: PhaseChange, *, actor:
 def reveal_board(session: Session, phase_id: str, *, reason: str, actor: str) -> Phase:
     """End the freeze: the public board is the newest one at once; tell of scores that were kept back.
 
+    Where an entry was taken back since that was built, it is the next one.
+
     Raises:
         NotFound: No such phase.
         Conflict: It is not frozen.
     """
     phase = lock_phase(session, phase_id)
+    running = hold_running_deadlines(session, phase)
     now = database_now(session)
     if frozen_since(phase, now) is None:
         raise Conflict("The board is not frozen: there is nothing to reveal.")
-    running = running_deadlines(session, phase)
     end_freeze(session, phase, now, reason=reason, actor=actor)
     end_own_deadlines(session, phase, now)
     tell_of_ended_deadlines(session, phase, running)
     row = latest_board(session, phase.id, key_of_phase(phase))
-    if row is not None:
+    if row is not None and not is_one_taken_back(session, phase, entry_ids(session, row.id)):
         flip_board(session, phase, row)
     renew_boards(session, phase)
     return phase

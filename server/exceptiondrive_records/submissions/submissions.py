@@ -25,7 +25,7 @@ from exceptiondrive_records.db.identifiers import (
     checked_text,
     random_id,
 )
-from exceptiondrive_records.phases.allowances import is_open_to
+from exceptiondrive_records.phases.allowances import is_open_to, is_revealed
 from exceptiondrive_records.phases.disqualified import require_not_disqualified
 from exceptiondrive_records.phases.policy import (
     has_closed,
@@ -366,7 +366,7 @@ def require_acceptable(
 
     Returns:
         The team's first submission of the same bytes, if any, and the later deadline that it was granted
-        for a new one.
+        for a new one, unless a reveal has ended it.
 
     Raises:
         RecordsError: As `accept`, but for texts and links.
@@ -386,7 +386,8 @@ def require_acceptable(
     _require_open(session, phase, quota.closes_at, arrival(session, phase, arrived_at, now))
     require_quota(quota, is_sound=first is not None)  # its team was asked of what was read
     require_counterpart(session, team.id, phase, linked_to)
-    return first, quota.closes_at
+    has_ended = quota.closes_at is not None and is_revealed(session, phase)
+    return first, None if has_ended else quota.closes_at
 
 
 def _gives_way(first: Submission, now: datetime, *, asks_first: bool) -> bool:

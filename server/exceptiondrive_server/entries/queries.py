@@ -1,6 +1,7 @@
 """What the entry and compare pages read from the records."""
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime
 
@@ -142,11 +143,12 @@ def _board_with(
     if submission is None or query.board is not None:
         asked_phase = query.phase or (submission.phase_id if submission else None)
         asked = BoardQuery(phase=asked_phase, board=query.board, protocol=query.protocol)
-        phase = choose_phase(session, asked)
-        row = choose_board(session, phase, asked) if phase else None
-        if phase is None or row is None:
-            raise NotFound("entry", key)
-        return row, row.id in (phase.current_board_id, phase.late_board_id)
+        with suppress(NotFound):  # what there is not would tell whether it was submitted, and where
+            phase = choose_phase(session, asked)
+            row = choose_board(session, phase, asked) if phase else None
+            if phase is not None and row is not None:
+                return row, row.id in (phase.current_board_id, phase.late_board_id)
+        raise NotFound("entry", key)
     phase = find_phase(session, submission.phase_id)
     is_private = phase.policy.entries_private and submission.published_at is None
     if is_private or submission.status == SubmissionStatus.WITHDRAWN:

@@ -1,12 +1,14 @@
 """The final report of a phase, made of its published boards alone."""
 
 from collections import Counter
+from datetime import timedelta
 
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.tables import AuditLine
 from exceptiondrive_records.boards.boards import (
+    board_at,
     current_board,
     find_board,
     last_shown_of_part,
@@ -126,8 +128,11 @@ def board_before_reveal(session: Session, phase: Phase, final: BoardRow) -> Boar
         return None
     ended = AuditLine.subject == phase.id, AuditLine.action == "freeze ended"
     after = select(AuditLine).where(*ended, AuditLine.at >= phase.closes_at)
-    boards = (line.detail.get("board") for line in session.scalars(after.order_by(AuditLine.id)))
-    number = next(filter(None, boards), final.number)
+    told = [line.detail for line in session.scalars(after.order_by(AuditLine.id))]
+    if phase.unfrozen_at and any("board" not in each for each in told):  # by an earlier version
+        row = board_at(session, phase.id, phase.unfrozen_at - timedelta.resolution)
+        return None if row is final else row
+    number = next((each["board"] for each in told if each["board"]), final.number)
     return None if number == final.number else find_board(session, phase.id, number)
 
 
