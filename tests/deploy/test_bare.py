@@ -7,6 +7,7 @@ import shutil
 import stat
 import subprocess
 import time
+from datetime import timedelta
 from pathlib import Path
 from typing import Any
 
@@ -157,6 +158,18 @@ def test_a_certificate_beside_anothers_key_is_refused_and_the_one_in_use_stays(
         assert isinstance(done.exception, LaunchError)
         assert said in str(done.exception)
         assert (folder / "etc/tls.crt").read_bytes() == in_use
+
+
+def test_it_says_when_the_certificate_ends_or_that_it_has(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One that has ended is taken all the same: an upgrade does not wait for another."""
+    assert "tls.crt ends on 20" in init(folder).stderr
+    monkeypatch.setattr("exceptiondrive_server.operations.secrets.LIFETIME", timedelta(hours=-0.5))
+    for name, content in zip(("tls.crt", "tls.key"), self_signed("board.example.org"), strict=True):
+        (folder / "secrets" / name).write_bytes(content)
+    done = init(folder)
+    assert (done.exit_code, "tls.crt ended on 20" in done.stderr) == (0, True)
 
 
 def test_the_password_of_mail_comes_from_its_secret_or_else_stays_as_written(folder: Path) -> None:

@@ -26,6 +26,7 @@ BEGIN = "BEGIN"
 _GIVEN_BACK = "exceptiondrive_given_back_s"
 _LOST_AFTER_30_S = {"tcp_user_timeout": 30_000, "keepalives_idle": 10, "keepalives_interval": 5}
 """A machine or network that is gone is heard of so soon. A server that is stopped answers these still."""
+_LOCK_TIMEOUT = "30s"
 
 
 def postgresql_engine(url: str) -> Engine:
@@ -35,7 +36,7 @@ def postgresql_engine(url: str) -> Engine:
         pool_size=5,
         max_overflow=20,
         connect_args={
-            "options": "-c timezone=UTC -c lock_timeout=30s",
+            "options": f"-c timezone=UTC -c lock_timeout={_LOCK_TIMEOUT}",
             "connect_timeout": 5,
             **_LOST_AFTER_30_S,
         },
@@ -53,11 +54,24 @@ def postgresql_engine(url: str) -> Engine:
         except psycopg.Error:
             raise InvalidatePoolError from None  # the pool opens another one
 
+    event.listen(engine, "connect", _refuse_pooler)
     event.listen(engine, "checkin", note_when)
     event.listen(engine, "checkout", ask_if_in_doubt)
     event.listen(engine, "do_execute", partial(_begin_with, "execute"))
     event.listen(engine, "do_executemany", partial(_begin_with, "executemany"))
     return engine
+
+
+def _refuse_pooler(connection: Any, _: ConnectionPoolEntry) -> None:
+    """One that gives each transaction another session keeps no setting, and answers with what another one prepared."""
+    connection.autocommit = True
+    (kept,) = connection.execute("SHOW lock_timeout").fetchone()
+    connection.autocommit = False
+    if kept != _LOCK_TIMEOUT:
+        connection.close()
+        raise psycopg.OperationalError(
+            "a pooler such as PgBouncer stands before it and drops settings; name PostgreSQL itself"
+        )
 
 
 def _is_trusted(connection: "psycopg.Connection[Any]", given_back_s: float) -> bool:

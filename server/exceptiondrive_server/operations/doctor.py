@@ -323,7 +323,10 @@ def _store(url: str) -> Iterator[Finding]:
         yield _ok("the file store answers")
         return
     if not os.access(folder, os.W_OK):
-        yield _error(f"{folder} cannot be written", "give the server's user write access")
+        yield _error(
+            f"{folder} cannot be written",
+            "mount it for writing, or give the server's user write access",
+        )
     free_bytes = FileStore(url).free_bytes() or 0
     if free_bytes < LEAST_FREE_BYTES:
         yield _error(

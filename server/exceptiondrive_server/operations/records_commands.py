@@ -5,7 +5,7 @@ Every other deed is an organizer's: `exceptiondrive organizer ...`, over the API
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from datetime import timedelta
+from datetime import UTC, datetime, timedelta
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
@@ -177,6 +177,7 @@ def init(
     Run again, it keeps secrets, data and settings of your own, and writes all else anew.
     """
     from exceptiondrive_server.operations.bare_install import BareServer, programs_of_this
+    from exceptiondrive_server.operations.secrets import require_pair
 
     folder = bare.absolute()
     with _writing(folder):
@@ -184,6 +185,13 @@ def init(
     say(f"{folder} holds folders, secrets/, settings in etc/ and units in systemd/")
     if made:
         say(f"secrets that were made: {', '.join(path.name for path in made)}")
+    end = require_pair(folder / "secrets")
+    if end < datetime.now(UTC):
+        say(
+            f"tls.crt ended on {end:%Y-%m-%d}: nobody gets in; put a new one and its key into secrets/ and run this again"
+        )
+    else:
+        say(f"tls.crt ends on {end:%Y-%m-%d}")
     say("next: accounts, database, units and splits, as in docs/operating-bare.md")
 
 

@@ -54,23 +54,27 @@ def self_signed(host: str) -> tuple[bytes, bytes]:
     )
 
 
-def require_pair(folder: Path) -> None:
+def require_pair(folder: Path) -> datetime:
     """Refuse a certificate beside another one's key: nginx takes both, and then nobody gets in.
+
+    Returns:
+        When the certificate ends, or ended.
 
     Raises:
         LaunchError: They do not belong together, or one cannot be read.
     """
     certificate, key = folder / "tls.crt", folder / "tls.key"
     try:
-        of_certificate = x509.load_pem_x509_certificate(certificate.read_bytes()).public_key()
+        read = x509.load_pem_x509_certificate(certificate.read_bytes())
         of_key = load_pem_private_key(key.read_bytes(), password=None).public_key()
     except (ValueError, TypeError, UnsupportedAlgorithm):
         raise LaunchError(
             f"{certificate} or {key} cannot be read: PEM is wanted, and a key without a password; what is "
             "in use stays"
         ) from None
-    if of_certificate != of_key:
+    if read.public_key() != of_key:
         raise LaunchError(f"{key} is not the key of {certificate}; what is in use stays")
+    return read.not_valid_after_utc
 
 
 def _general_name(host: str) -> x509.GeneralName:
