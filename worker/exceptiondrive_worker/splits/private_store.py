@@ -48,8 +48,6 @@ class Shelf(StrEnum):
     """What no required clearance changes in a sheet. Key: measurement, plausibility, groups."""
     INTERVALS = "intervals"
     """Intervals and draws of one entry. Key: measurement, grading, tasks and scenes of the split, ranking."""
-    EFFECTS = "effects"
-    """An entry against its linked counterpart. Key: as the intervals of both."""
     FINGERPRINTS = "fingerprints"
     """What some samples were answered with. Key: file, and which samples."""
     COMPARISONS = "comparisons"
