@@ -15,7 +15,6 @@ from exceptiondrive_scoring.bootstrap import (
     bootstrap,
     resample,
     scene_sums,
-    scene_sums_by_task,
     scene_weights,
 )
 from exceptiondrive_scoring.compare import compare
@@ -195,7 +194,7 @@ def test_a_first_metric_that_is_a_minimum_is_compared_by_task(
         least_a, least_b = (np.min(each.values[both, 0]) for each in (a, b))
         difference = found.tasks[task.id].difference
         assert difference == pytest.approx(least_a - least_b)
-    assert scene_sums_by_task(a, split, protocol.taxonomy).values.shape == (N, 2)
+    assert scene_sums(a, split, protocol.taxonomy, by_task=True).values.shape == (N, 2)
 
 
 def test_of_means_alone_there_are_sums_alone(

@@ -1,7 +1,7 @@
 """Compare two entries on the same samples and the same draws: what a board cannot show alone."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,7 +10,7 @@ from exceptiondrive_schemas.board import PairedComparison
 from exceptiondrive_schemas.challenges import Challenge, Metric
 from exceptiondrive_schemas.protocol import ProtocolDocument, RankingSection
 from exceptiondrive_schemas.score_sheet import PairedDifference
-from exceptiondrive_schemas.taxonomy import Family, Task, Taxonomy
+from exceptiondrive_schemas.taxonomy import Family, Task
 from exceptiondrive_scoring.aliases import BoolArray, FloatArray
 from exceptiondrive_scoring.arrays import SplitArrays
 from exceptiondrive_scoring.bootstrap import (
@@ -23,7 +23,6 @@ from exceptiondrive_scoring.bootstrap import (
     scene_counts,
     scene_marks,
     scene_sums,
-    scene_sums_by_task,
     scenes_by_freedom,
     where_enough,
 )
@@ -31,7 +30,6 @@ from exceptiondrive_scoring.grade import SampleScores
 from exceptiondrive_scoring.interval import least_differing, percentile_intervals
 from exceptiondrive_scoring.sheet import Breakdown, MetricValues, aggregate
 
-SumsOf = Callable[[SampleScores, SplitArrays, Taxonomy], SceneSums]
 AS_MEAN = {"aggregation": "mean", "level": None}
 NOT_SEPARABLE = "not separable on this split"
 NO_INTERVAL = "no interval"
@@ -55,8 +53,8 @@ def compare(
     headline, taxonomy = protocol.grading.headline, protocol.taxonomy
     metrics = challenge.interval_metrics
     a, b = a.only(metrics), b.only(metrics)
-    paired = _paired(a, b, split, protocol, scene_sums)
-    by_task = _paired(a.only(metrics[:1]), b.only(metrics[:1]), split, protocol, scene_sums_by_task)
+    paired = _paired(a, b, split, protocol)
+    by_task = _paired(a.only(metrics[:1]), b.only(metrics[:1]), split, protocol, by_task=True)
     means, discordant = paired.values.headline(headline), paired.discordant.micro
     return PairedComparison(
         a="A",
@@ -104,7 +102,8 @@ def _paired(
     b: SampleScores,
     split: SplitArrays,
     protocol: ProtocolDocument,
-    sums_of: SumsOf,
+    *,
+    by_task: bool = False,
 ) -> _Paired:
     """Differences over the samples that both define.
 
@@ -117,7 +116,7 @@ def _paired(
     differs = np.where(np.isnan(gaps), np.nan, (np.abs(gaps) > SAME_TO).astype(np.float64))
     means = tuple(metric.model_copy(update=AS_MEAN) for metric in a.metrics)
     values = aggregate(SampleScores(means, gaps), split, taxonomy)
-    sums = sums_of(SampleScores(means, gaps), split, taxonomy)
+    sums = scene_sums(SampleScores(means, gaps), split, taxonomy, by_task=by_task)
     ((_, draws),) = resample([sums], ranking, means)
     columns = [m for m, metric in enumerate(a.metrics) if metric.order_level is not None]
     if columns:
@@ -125,7 +124,7 @@ def _paired(
         both = [np.where(np.isnan(gaps), np.nan, each.values)[:, columns] for each in (a, b)]
         sides = [SampleScores(ordered, each) for each in both]
         values = _replaced(values, *(aggregate(side, split, taxonomy) for side in sides))
-        of_sides = [sums_of(side, split, taxonomy) for side in sides]
+        of_sides = [scene_sums(side, split, taxonomy, by_task=by_task) for side in sides]
         (_, of_a), (_, of_b) = resample(of_sides, ranking, ordered)
         draws.micro[columns] = of_a.micro - of_b.micro
         draws.macro_family[columns] = of_a.macro_family - of_b.macro_family
