@@ -70,7 +70,8 @@ class Deciding:
             views=(ViewEdit(view="CAM_FRONT", instruction="here"),),
         )
         rejected = Screened(
-            suitable=False, reason=next(iter(self.prompts.texts(candidate.task.id).rejections))
+            suitable=False,
+            reason=next(iter(self.workshop.task_texts[candidate.task.id].rejections)),
         )
         self._decide(Kind.SCREEN, candidate, by, place if suitable else rejected)
         if suitable:

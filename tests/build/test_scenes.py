@@ -418,7 +418,9 @@ def test_lines_of_other_rigs_and_without_a_recorded_path_are_taken(set_: Path) -
 def test_a_keyframe_given_twice_is_named(set_: Path) -> None:
     scenes = read_scenes(set_)
     write_scenes(SceneSet(set_, scenes.keyframes * 2), set_ / "scenes.jsonl")
-    with pytest.raises(BuildError, match=f"given twice: .*{scenes.keyframes[0].keyframe_id}"):
+    with pytest.raises(
+        BuildError, match=f"line [0-9]+: {scenes.keyframes[0].keyframe_id} stands twice"
+    ):
         read_scenes(set_ / "scenes.jsonl")
 
 

@@ -28,18 +28,15 @@ from exceptiondrive_schemas.check import CheckedDocument
 from exceptiondrive_schemas.check.fault_list import FaultList
 from exceptiondrive_schemas.check.fault_list import Path as Place
 from exceptiondrive_schemas.check.rules import RULES, SCORED_BY, register
-from exceptiondrive_schemas.drawing import EntryDrawings
 from exceptiondrive_schemas.faults import FaultCode
 from exceptiondrive_schemas.file_profile import FileProfile
 from exceptiondrive_schemas.protocol import GeometrySection, ProtocolDocument, packaged_protocol
-from exceptiondrive_schemas.score_sheet import ClearanceCurve, MetricRow, Plausibility
+from exceptiondrive_schemas.score_sheet import Plausibility
 from exceptiondrive_schemas.split import Manifest
 from exceptiondrive_scoring.aliases import Columns
 from exceptiondrive_scoring.arrays import SplitArrays
-from exceptiondrive_scoring.challenge import scoring_of
-from exceptiondrive_scoring.grade import Regrading, SampleScores, sample_scores
-from exceptiondrive_scoring.plausibility import OfControls
-from exceptiondrive_scoring.similarity import AlikeRule
+from exceptiondrive_scoring.challenge import ChallengeScoring, scoring_of
+from exceptiondrive_scoring.grade import SampleScores, sample_scores
 from exceptiondrive_worker import upload_reader
 
 if TYPE_CHECKING:
@@ -119,12 +116,10 @@ class GapRules:
         return GapsDocument(split, answers)
 
 
-class GapScoring:
+class GapScoring(ChallengeScoring):
     """A gap is wide from the required clearance on, closed at zero."""
 
     challenge = GAPS
-    alike: AlikeRule | None = None
-    regrading: Regrading | None = None
 
     def columns(self, document: CheckedDocument, sample_ids: Any) -> dict[str, NDArray[Any]]:
         return {"gap_m": np.array([document.answers[each] for each in sample_ids])}
@@ -141,9 +136,6 @@ class GapScoring:
         by_key = {"wide": gap_m >= split.d_safe_m, "closed": gap_m == 0}
         return sample_scores(GAPS.metrics, by_key | {"least_gap": gap_m, "median_gap": gap_m})
 
-    def of_controls(self, answers: Columns, protocol: ProtocolDocument) -> OfControls:
-        return OfControls({})
-
     def coverage(self, measurements: Columns) -> dict[str, float | None]:
         return {"edited": 1.0}
 
@@ -151,17 +143,6 @@ class GapScoring:
         self, measurements: Columns, split: SplitArrays, protocol: ProtocolDocument
     ) -> Plausibility:
         return Plausibility(shares={})
-
-    def extra(
-        self, measurements: Columns, split: SplitArrays, protocol: ProtocolDocument
-    ) -> dict[str, MetricRow]:
-        return {}
-
-    def clearance_curve(self, *_: Any) -> ClearanceCurve | None:
-        return None
-
-    def drawings(self, *_: Any) -> EntryDrawings | None:
-        return None
 
 
 def read_fast(

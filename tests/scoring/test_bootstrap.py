@@ -147,9 +147,9 @@ def test_the_mean_of_families_has_no_interval_where_one_has_too_few_scenes(
     assert np.isnan(found.families[1]).all() != has_interval
     assert np.isnan(found.macro_family).all() != has_interval
     told = compare(_scores(1), _scores(2), split, protocol, SIX_METRICS)
-    for difference in (told.overall["hcc"], told.families["lane_blockage"]["hcc"]):
+    for difference in (told.overall["hcc"], told.families["lane_blockage"]):
         assert (difference.verdict == "no interval") != has_interval
-    assert told.families["sudden_emergence"]["hcc"].interval is not None
+    assert told.families["sudden_emergence"].interval is not None
 
 
 def test_the_same_seed_gives_the_same_bits_whoever_else_is_on_the_board(

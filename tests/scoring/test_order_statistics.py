@@ -15,7 +15,6 @@ from exceptiondrive_scoring.bootstrap import (
     bootstrap,
     resample,
     scene_sums,
-    scene_sums_by_task,
     scene_weights,
 )
 from exceptiondrive_scoring.compare import compare
@@ -41,7 +40,13 @@ def metric(aggregation: Any, level: float | None = None) -> Metric:
 
 
 METRICS = (HCC, metric("minimum"), metric("quantile", 0.1), metric("mean"), metric("share"))
-TOY = Challenge.model_construct(**{**dict(PLANNING), "metrics": METRICS})
+
+
+def toy(metrics: tuple[Metric, ...]) -> Challenge:
+    return Challenge.model_construct(**{**dict(PLANNING), "metrics": metrics})
+
+
+TOY = toy(METRICS)
 
 
 @pytest.fixture
@@ -166,9 +171,11 @@ def test_its_interval_is_of_the_difference_and_of_no_mean(
     by = protocol.model_copy(
         update={"grading": protocol.grading.model_copy(update={"headline": headline})}
     )
-    found = compare(a, b, split, by, TOY)
-    for told in (found.overall, *found.families.values()):
-        quantile, mean = told["quantile"], told["mean"]
+    told = compare(a, b, split, by, TOY).overall
+    pairs = [(told["quantile"], told["mean"])]
+    of_families = [compare(a, b, split, by, toy(METRICS[at : at + 1])).families for at in (2, 3)]
+    pairs += zip(*(families.values() for families in of_families), strict=True)
+    for quantile, mean in pairs:
         assert quantile.interval is not None
         assert mean.interval is not None
         assert quantile.interval[0] <= (quantile.difference or 0.0) <= quantile.interval[1]
@@ -178,17 +185,16 @@ def test_its_interval_is_of_the_difference_and_of_no_mean(
 def test_a_first_metric_that_is_a_minimum_is_compared_by_task(
     split: SplitArrays, protocol: ProtocolDocument
 ) -> None:
-    toy = Challenge.model_construct(**{**dict(PLANNING), "metrics": METRICS[1:]})
     a, b = (SampleScores(METRICS[1:], scores(seed).values[:, 1:]) for seed in (5, 6))
-    found = compare(a, b, split, protocol, toy)
+    found = compare(a, b, split, protocol, toy(METRICS[1:]))
     assert found.tasks.keys() == {task.id for task in protocol.tasks}
     gaps = a.values[:, 0] - b.values[:, 0]
     for index, task in enumerate(protocol.tasks):
         both = (split.task_index == index) & ~np.isnan(gaps)
         least_a, least_b = (np.min(each.values[both, 0]) for each in (a, b))
-        difference = found.tasks[task.id]["minimum"].difference
+        difference = found.tasks[task.id].difference
         assert difference == pytest.approx(least_a - least_b)
-    assert scene_sums_by_task(a, split, protocol.taxonomy).values.shape == (N, 2)
+    assert scene_sums(a, split, protocol.taxonomy, by_task=True).values.shape == (N, 2)
 
 
 def test_of_means_alone_there_are_sums_alone(

@@ -10,10 +10,8 @@ import pytest
 
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_worker.splits.private_store import (
-    KeptFile,
     PrivateStore,
     Shelf,
-    files_to_prune,
     prune,
 )
 
@@ -26,31 +24,35 @@ def store(tmp_path: Path) -> PrivateStore:
     return PrivateStore(tmp_path / "private")
 
 
-def kept(name: str, size_bytes: int, used_at: float) -> KeptFile:
-    return KeptFile(Path(name), size_bytes, used_at)
-
-
-def names(files: list[KeptFile]) -> list[str]:
-    return [file.path.name for file in files]
-
-
-def test_what_fits_and_is_used_stays() -> None:
-    assert files_to_prune([kept("a", 50, 10), kept("b", 50, 20)], 100, unused_since=10) == []
-
-
-def test_beyond_the_room_the_longest_unused_goes() -> None:
-    files = [kept("old", 30, 1), kept("new", 60, 3), kept("middle", 40, 2)]
-    assert names(files_to_prune(files, 100, unused_since=0)) == ["old"]
-    assert names(files_to_prune(files, 99, unused_since=0)) == ["middle", "old"]
-
-
-def test_what_was_not_used_for_long_goes_though_there_is_room() -> None:
-    assert names(files_to_prune([kept("a", 1, 5), kept("b", 1, 9)], 100, unused_since=6)) == ["a"]
-
-
 def age(path: Path, days: float) -> None:
     then = time.time() - days * DAY_S
     os.utime(path, (then, then))
+
+
+def keep(store: PrivateStore, key: str, size_bytes: int, days: float) -> None:
+    path = store.root / Shelf.COMPARISONS / key
+    path.write_bytes(bytes(size_bytes))
+    age(path, days)
+
+
+@pytest.mark.parametrize(
+    ("max_bytes", "max_age_days", "left"),
+    [
+        (100, 30, ["middle", "new"]),
+        (99, 30, ["new"]),
+        (130, 30, ["middle", "new", "old"]),
+        (130, 2.5, ["middle", "new"]),
+    ],
+    ids=["the longest unused goes", "and the next", "what fits stays", "unused for long"],
+)
+def test_beyond_the_room_and_the_age_the_longest_unused_goes(
+    store: PrivateStore, max_bytes: int, max_age_days: float, left: list[str]
+) -> None:
+    keep(store, "old", 30, days=3)
+    keep(store, "new", 60, days=1)
+    keep(store, "middle", 40, days=2)
+    assert prune(store, max_bytes=max_bytes, max_age_days=max_age_days) == 3 - len(left)
+    assert sorted(path.name for path in (store.root / Shelf.COMPARISONS).iterdir()) == left
 
 
 def test_reading_a_file_keeps_it(store: PrivateStore) -> None:

@@ -28,6 +28,7 @@ from exceptiondrive_schemas.score_sheet import MetricRow, PairedDifference, Remi
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_scoring import compare as compare_module
 from exceptiondrive_scoring.interval import draws_cut_off
+from exceptiondrive_worker.boards import comparisons as comparisons_module
 from exceptiondrive_worker.boards import reminder_effects as reminder_effects_module
 from exceptiondrive_worker.boards.rounding import Rounding
 from exceptiondrive_worker.splits.private_store import Shelf
@@ -273,7 +274,7 @@ def test_a_second_board_takes_the_effect_from_the_store_and_a_lost_store_comes_t
         compared.append(1)
         return compare(*args)
 
-    monkeypatch.setattr(reminder_effects_module, "compare", counted)
+    monkeypatch.setattr(comparisons_module, "compare", counted)
     first = effect_of(world.build_board(), "reminded")
     assert effect_of(world.build_board(), "reminded") == first
     assert len(compared) == 1

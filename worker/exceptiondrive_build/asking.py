@@ -226,11 +226,6 @@ def read_answers(workshop: Workshop, kind: Kind) -> tuple[Answer, ...]:
     return read_journal(path, AnswersHeader, Answer)[1] if path.is_file() else ()
 
 
-def open_candidates(stage: Stage, candidates: Mapping[str, Candidate]) -> list[Candidate]:
-    """Those that wait for a stage."""
-    return [candidate for candidate in candidates.values() if stage.is_open(candidate)]
-
-
 def awaited(kind: Kind, candidate: Candidate) -> Kind | None:
     """The earlier stage that has to decide a candidate before this one can, if any."""
     if kind is not Kind.SCREEN and candidate.screened is None:
@@ -251,7 +246,7 @@ def run_stage(stage: Stage, limit: int | None = None) -> StageReport:
     header = AnswersHeader(stage=stage.kind)
     with Journal(_journal_path(workshop, stage.kind), header, Answer) as journal:
         candidates = walk(workshop)
-        waiting = open_candidates(stage, candidates)
+        waiting = [it for it in candidates.values() if stage.is_open(it)]
         earlier = [first for it in candidates.values() if (first := awaited(stage.kind, it))]
         if earlier and not waiting:
             raise BuildError(

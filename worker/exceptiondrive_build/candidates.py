@@ -151,6 +151,14 @@ class Candidate:
             for name in (self.keyframe.camera(view).image, edited)
         )
 
+    @property
+    def decisions(self) -> tuple[Record, ...]:
+        """The records that count: of models in the order of the stages, of people by digest, a withdrawal last."""
+        by_people = sorted((*self.inspections, *self.verifications), key=lambda it: it.digest)
+        others = {k: it for k, it in self.current.items() if k not in (Kind.INSPECT, Kind.VERIFY)}
+        last = [others.pop(Kind.WITHDRAW)] if Kind.WITHDRAW in others else []
+        return (*others.values(), *by_people, *last)
+
     def _value(self, kind: Kind, value: type[Value]) -> Value | None:
         record = self.current.get(kind)
         return None if record is None else value.model_validate(record.value, strict=False)
@@ -196,6 +204,9 @@ class _Reading:
 
     def screening(self, candidate: Candidate) -> None:
         self._look_at_model(candidate, Kind.SCREEN)
+        withdrawals = self._of(Kind.WITHDRAW, candidate)
+        if withdrawals:
+            candidate.current[Kind.WITHDRAW] = withdrawals[-1]
         if isinstance(candidate.screened, Screened) and candidate.screened.suitable:
             candidate.place = candidate.screened
             self.pictures(candidate)
@@ -211,9 +222,6 @@ class _Reading:
             tuple(r for r in self._of(kind, candidate) if r.inputs == candidate.pictures)
             for kind in (Kind.INSPECT, Kind.VERIFY)
         )
-        withdrawals = self._of(Kind.WITHDRAW, candidate)
-        if withdrawals:
-            candidate.current[Kind.WITHDRAW] = withdrawals[-1]
 
     def _look_at_model(self, candidate: Candidate, kind: Kind) -> None:
         by, inputs = asked(kind, self._workshop, self._prompts, candidate)

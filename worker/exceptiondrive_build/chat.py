@@ -115,7 +115,7 @@ class ScreenStage(ChatStage):
 
     def schema(self, candidate: Candidate) -> Schema:
         """An answer with the rules of the task and the views of the keyframe."""
-        texts, number = self.prompts.texts(candidate.task.id), or_null({"type": "number"})
+        texts, number = self.workshop.task_texts[candidate.task.id], or_null({"type": "number"})
         views = one_of([camera.view for camera in candidate.keyframe.cameras])
         edit = object_of({"view": views, "instruction": {"type": "string"}})
         return object_of(
@@ -131,7 +131,7 @@ class ScreenStage(ChatStage):
 
     def read(self, candidate: Candidate, text: str) -> Screened:
         """Suitable with a target in the task's range and at least one view, or not by a rule."""
-        answer, texts = _read(text, _Screened), self.prompts.texts(candidate.task.id)
+        answer, texts = _read(text, _Screened), self.workshop.task_texts[candidate.task.id]
         if not answer.suitable:
             if answer.reason not in texts.rejections:
                 raise _wrong("unsuitable, without the code of a rule", text)
@@ -205,7 +205,7 @@ class ReviewStage(ChatStage):
 
     def _changes(self, candidate: Candidate) -> dict[str, Change]:
         target_m = _screened(candidate).target_m or (0.0, 0.0)
-        size_m = self.prompts.texts(candidate.task.id).size_m
+        size_m = self.workshop.task_texts[candidate.task.id].size_m
         found = {}
         for view, edited in _edited(candidate).images.items():
             camera = candidate.keyframe.camera(view)

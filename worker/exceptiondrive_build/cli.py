@@ -1,9 +1,9 @@
-"""`exceptiondrive-build`: a table of commands, each in a module that is imported when called."""
+"""`exceptiondrive-build`: a table of commands, each imported when it is called."""
 
 import os
 import sys
-from importlib import import_module
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import Annotated, Any
 
 import typer
@@ -19,31 +19,22 @@ from exceptiondrive_endpoints.errors import (
 from exceptiondrive_schemas.printable import printable
 
 COMMANDS = {
-    "new": ("exceptiondrive_build.commands", "Make a workshop folder."),
-    "scenes": ("exceptiondrive_build.scenes.commands", "Make a set of scenes, or read one in."),
-    "run": ("exceptiondrive_build.stage_commands", "Ask a model: screen, edit or review."),
-    "audit": ("exceptiondrive_build.report_commands", "Plan the inspection of accepted edits."),
-    "localize": ("exceptiondrive_build.stage_commands", "Propose a region for what is accepted."),
-    "review": ("exceptiondrive_build.review_page.app", "Serve the review page on this machine."),
+    "new": ("commands:new", "Make a workshop folder."),
+    "scenes": ("scenes.commands:scenes", "Make a set of scenes, or read one in."),
+    "run": ("stage_commands:run", "Ask a model: screen, edit or review."),
+    "audit": ("report_commands:audits", "Plan the inspection of accepted edits."),
+    "localize": ("stage_commands:localize_command", "Propose a region for what is accepted."),
+    "review": ("review_page.app:review", "Serve the review page on this machine."),
     "report": (
-        "exceptiondrive_build.report_commands",
+        "report_commands:report_command",
         "Count everything: funnel, marks, audit, agreement, time and money.",
     ),
-    "lint": (
-        "exceptiondrive_build.freezing.commands",
-        "Warn of what makes the split a bad benchmark.",
-    ),
-    "freeze": ("exceptiondrive_build.freezing.commands", "Write the split and its datasheet."),
-    "reopen": (
-        "exceptiondrive_build.freezing.commands",
-        "Have regions that lie wrong verified again.",
-    ),
-    "withdraw": (
-        "exceptiondrive_build.freezing.commands",
-        "Count samples no more from a revision on.",
-    ),
+    "lint": ("freezing.commands:lint_split", "Warn of what makes the split a bad benchmark."),
+    "freeze": ("freezing.commands:freeze_split", "Write the split and its datasheet."),
+    "reopen": ("freezing.commands:reopen", "Have regions that lie wrong verified again."),
+    "withdraw": ("freezing.commands:withdraw", "Count samples no more from a revision on."),
 }
-"""In the order of the work: where each lives and what `--help` says. Its module has `register(app)`."""
+"""In the order of the work: the command or group of each, and what `--help` says."""
 
 WorkshopFolder = Annotated[
     Path, typer.Option("--workshop", "-w", help="The workshop folder; by default this one.")
@@ -62,12 +53,16 @@ class _Commands(TyperGroup):
         if cmd_name not in self.commands and cmd_name in COMMANDS:
             part = typer.Typer(rich_markup_mode=None)
             try:
-                import_module(COMMANDS[cmd_name][0]).register(part)
+                found = resolve_name(f"exceptiondrive_build.{COMMANDS[cmd_name][0]}")
             except ModuleNotFoundError as error:
                 if error.name and error.name.startswith("exceptiondrive"):
                     raise
                 advice = 'Install it: pip install "exceptiondrive-worker[build]"'
                 raise BuildError(f"{error.name} is not installed.", advice) from None
+            if isinstance(found, typer.Typer):
+                part.add_typer(found, name=cmd_name)
+            else:
+                part.command(cmd_name)(found)
             self.commands.update(get_group(part).commands)
         return self.commands.get(cmd_name)
 

@@ -9,11 +9,6 @@ import typer
 from exceptiondrive_build.workshop import new_workshop
 
 
-def register(app: typer.Typer) -> None:
-    """Add the commands to a command line."""
-    app.command()(new)
-
-
 def new(
     folder: Path,
     name: Annotated[str, typer.Option(help="Name of the split that is to be made.")],

@@ -12,7 +12,6 @@ from exceptiondrive_build.asking import (
     Question,
     Stage,
     awaited,
-    open_candidates,
     read_answers,
 )
 from exceptiondrive_build.candidates import Candidate
@@ -59,7 +58,7 @@ def dry_run(
         JournalError: The answers of earlier runs cannot be read.
     """
     workshop, section = stage.workshop, stage.section
-    waiting = open_candidates(stage, candidates)[:limit]
+    waiting = [it for it in candidates.values() if stage.is_open(it)][:limit]
     answers = read_answers(workshop, stage.kind)
     usable = {answer.key for answer in answers if answer.reason is None}
     to_ask = [

@@ -14,7 +14,7 @@ from exceptiondrive_build.agreement import outcome
 from exceptiondrive_build.candidates import Candidate, walk
 from exceptiondrive_build.errors import BuildError
 from exceptiondrive_build.inspection import draw
-from exceptiondrive_build.records import Kind, Record, person_key
+from exceptiondrive_build.records import Kind, person_key
 from exceptiondrive_build.settings import InspectSection, VerifySection
 from exceptiondrive_build.values import Edited
 from exceptiondrive_build.workshop import Workshop
@@ -25,7 +25,6 @@ from exceptiondrive_schemas.taxonomy import Family, Task
 CONFIDENCE = 0.95
 WIDTHS = (0.10, 0.08, 0.06, 0.05, 0.04, 0.03, 0.02)
 EXPECTED_SHARE = 0.95
-_BY_PEOPLE = (Kind.INSPECT, Kind.VERIFY)
 
 
 def is_verified(candidate: Candidate, limits: VerifySection) -> bool:
@@ -122,7 +121,7 @@ def deciders(workshop: Workshop, candidates: Iterable[Candidate]) -> tuple[Decid
     """Who took how many of the decisions that stand, by stage; people are numbered by name."""
     models = workshop.settings.models.items()
     digests = {stage: content_digest(workshop.text(model.prompt)) for stage, model in models}
-    records = [record for it in candidates for record in _standing(it)]
+    records = [record for it in candidates for record in it.decisions]
     counts = Counter((it.kind, it.by.model, person_key(it.by.person)) for it in records)
     people = sorted({person for _, model, person in counts if model is None})
     order = sorted(counts, key=lambda key: (list(Kind).index(key[0]), key[1] or "", key[2]))
@@ -136,13 +135,6 @@ def deciders(workshop: Workshop, candidates: Iterable[Candidate]) -> tuple[Decid
         )
         for kind, model, person in order
     )
-
-
-def _standing(candidate: Candidate) -> Iterable[Record]:
-    """The records of a candidate that count, each once."""
-    people = (*candidate.inspections, *candidate.verifications)
-    rest = (it for kind, it in candidate.current.items() if kind not in _BY_PEOPLE)
-    return (*rest, *people)
 
 
 class PlanRow(Document):

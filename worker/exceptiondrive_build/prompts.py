@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from exceptiondrive_build.records import Author
 from exceptiondrive_build.scenes.keyframe import Keyframe
-from exceptiondrive_build.settings import ChatSection, EditSection, ModelSection, TaskTexts
+from exceptiondrive_build.settings import ChatSection, EditSection, ModelSection
 from exceptiondrive_build.values import Screened
 from exceptiondrive_schemas.base import content_digest
 
@@ -66,10 +66,6 @@ class Prompts:
                 "left_m": f"{left_m:.1f}",
             },
         )
-
-    def texts(self, task_id: str) -> TaskTexts:
-        """All words of a task."""
-        return self._texts[task_id]
 
 
 def scene_words(keyframe: Keyframe) -> str:

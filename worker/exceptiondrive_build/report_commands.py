@@ -17,14 +17,7 @@ from exceptiondrive_schemas.printable import counted
 
 PIPED_WIDTH = 140
 MOST_REASONS = 10
-
-
-def register(app: typer.Typer) -> None:
-    """Add the commands to a command line."""
-    app.command("report")(report_command)
-    audits = typer.Typer(rich_markup_mode=None, help="Inspections of what the review accepted.")
-    audits.command("plan")(plan_command)
-    app.add_typer(audits, name="audit")
+audits = typer.Typer(rich_markup_mode=None, help="Inspections of what the review accepted.")
 
 
 def report_command(
@@ -45,6 +38,7 @@ def report_command(
         draw_report(found, plot)
 
 
+@audits.command("plan")
 def plan_command(
     workshop: WorkshopFolder = Path(),
     share: Annotated[

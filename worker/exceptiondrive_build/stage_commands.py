@@ -16,24 +16,6 @@ from exceptiondrive_build.workshop import Workshop
 from exceptiondrive_endpoints.errors import GO_ON
 from exceptiondrive_schemas.printable import counted, printable
 
-_LOCALIZE_HELP = """Propose a region for every edit that is accepted, or waits for a person who may
-accept it.
-
-A detector's file is JSON by sample id, or by keyframe id for all its samples, in one of two forms:
-metres of the ego frame, x ahead, y left; or boxes of nuScenes results, in its global frame.
-
-\b
-{"ID": [{"corners": [[x, y], [x, y], [x, y], [x, y]], "score": 0.9}]}
-{"results": {"ID": [{"translation": [x, y, z], "size": [width, length, height],
-                     "rotation": [w, x, y, z], "detection_score": 0.9}]}}
-"""
-
-
-def register(app: typer.Typer) -> None:
-    """Add the commands to a command line."""
-    app.command()(run)
-    app.command("localize", help=_LOCALIZE_HELP)(localize_command)
-
 
 def run(
     stage: Annotated[str, typer.Argument(help="screen, edit or review.")],
@@ -87,7 +69,16 @@ def localize_command(
     workshop: WorkshopFolder = Path(),
     json: Json = False,
 ) -> None:
-    """Propose a region: a detector's, or a rectangle to be moved."""
+    """Propose a region for every edit that is accepted, or waits for a person who may accept it.
+
+    A detector's file is JSON by sample id, or by keyframe id for all its samples, in one of two forms:
+    metres of the ego frame, x ahead, y left; or boxes of nuScenes results, in its global frame.
+
+    \b
+    {"ID": [{"corners": [[x, y], [x, y], [x, y], [x, y]], "score": 0.9}]}
+    {"results": {"ID": [{"translation": [x, y, z], "size": [width, length, height],
+                         "rotation": [w, x, y, z], "detection_score": 0.9}]}}
+    """  # noqa: D301 - a mark of click: lines that follow stay as they are
     if (detections is None) != by_hand:
         raise typer.BadParameter("give either --detections FILE or --by-hand")
     with Workshop(workshop) as opened:

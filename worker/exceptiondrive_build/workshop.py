@@ -20,7 +20,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from exceptiondrive_build.errors import BuildError
 from exceptiondrive_build.records import Kind, Record, Records
-from exceptiondrive_build.scenes.keyframe import Keyframe
+from exceptiondrive_build.scenes.keyframe import Keyframe, read_keyframes
 from exceptiondrive_build.settings import MIN_KEY_LENGTH, TaskTexts, WorkshopSettings
 from exceptiondrive_schemas.base import faults_in
 from exceptiondrive_schemas.protocol import (
@@ -187,21 +187,9 @@ class Workshop:
             BuildError: A line is no keyframe, or an id stands twice.
         """
         path = self.folder / SCENES
-        found: dict[str, Keyframe] = {}
         if not path.exists():
-            return found
-        for number, line in enumerate(self.text(SCENES).split("\n"), start=1):
-            if not line.strip():
-                continue
-            try:
-                keyframe = Keyframe.model_validate_json(line)
-            except ValidationError as error:
-                raise BuildError(f"{path}, line {number}: {_why(error)}.", _READ_AGAIN) from None
-            if keyframe.keyframe_id in found:
-                said = f"{path}, line {number}: {keyframe.keyframe_id} stands twice."
-                raise BuildError(said, _READ_AGAIN)
-            found[keyframe.keyframe_id] = keyframe
-        return found
+            return {}
+        return read_keyframes(path, self.text(SCENES).encode(), _READ_AGAIN)
 
     def sample_id(self, keyframe_id: str, task_id: str) -> str:
         """The id of a candidate: 16 hex digits that tell neither without the workshop's key."""

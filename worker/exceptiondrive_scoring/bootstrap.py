@@ -55,19 +55,12 @@ class SceneSums:
     group_index: IntArray = field(default_factory=lambda: np.empty(0, dtype=np.intp))
 
 
-def scene_sums(scores: SampleScores, split: SplitArrays, taxonomy: Taxonomy) -> SceneSums:
-    """Sum sample scores by scene and family, in canonical order."""
-    return _sums_by(scores, split, split.family_index, len(taxonomy.families))
-
-
-def scene_sums_by_task(scores: SampleScores, split: SplitArrays, taxonomy: Taxonomy) -> SceneSums:
-    """Sum sample scores by scene and task: tasks stand where else families do."""
-    return _sums_by(scores, split, split.task_index, len(taxonomy.tasks))
-
-
-def _sums_by(
-    scores: SampleScores, split: SplitArrays, group_index: IntArray, n_groups: int
+def scene_sums(
+    scores: SampleScores, split: SplitArrays, taxonomy: Taxonomy, *, by_task: bool = False
 ) -> SceneSums:
+    """Sum sample scores by scene and family, in canonical order; by task, tasks stand in place of families."""
+    group_index = split.task_index if by_task else split.family_index
+    n_groups = len(taxonomy.tasks if by_task else taxonomy.families)
     shape = (n_groups, len(scores.metric_keys), split.n_scenes)
     cell = group_index * split.n_scenes + split.scene_index
     defined = scores.defined

@@ -4,10 +4,11 @@ Answers and measurements pass as columns (named arrays over samples): what an up
 what a store keeps, and what every function here takes.
 """
 
-import typing
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pkgutil import resolve_name
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
@@ -33,56 +34,59 @@ from exceptiondrive_scoring.plausibility import OfControls
 from exceptiondrive_scoring.sheet import Breakdown, MetricValues, breakdown, group_means
 from exceptiondrive_scoring.similarity import AlikeRule
 
-if typing.TYPE_CHECKING:
+if TYPE_CHECKING:
     from exceptiondrive_schemas.drawing import EntryDrawings
 
 
-class ChallengeScoring(typing.Protocol):
-    """Measure, grade and what is published beside the score."""
+class ChallengeScoring(ABC):
+    """Measure, grade and what is published beside the score; what a challenge lacks stays as it is here."""
 
-    @property
-    def challenge(self) -> Challenge:
-        """Metrics in column order."""
+    challenge: ClassVar[Challenge]
+    """Metrics in column order."""
+    alike: ClassVar[AlikeRule | None] = None
+    """When two submissions are alike; None: they are not compared."""
+    regrading: ClassVar[Regrading | None] = None
+    """How new required clearances are graded from few columns; None: everything is graded anew."""
 
-    @property
-    def alike(self) -> AlikeRule | None:
-        """When two submissions are alike; None: they are not compared."""
-
-    @property
-    def regrading(self) -> Regrading | None:
-        """How new required clearances are graded from few columns; None: everything is graded anew."""
-
+    @abstractmethod
     def columns(self, document: CheckedDocument, sample_ids: Sequence[str]) -> Columns:
         """The answers of a sound file, one row per sample, in the order of `sample_ids`."""
 
+    @abstractmethod
     def measure(self, answers: Columns, split: SplitArrays, geometry: GeometrySection) -> Columns:
         """Columns that depend on answers, regions and geometry alone: kept by content."""
 
+    @abstractmethod
     def grade(
         self, measurements: Columns, split: SplitArrays, protocol: ProtocolDocument
     ) -> SampleScores:
         """Metric values of each sample, (N, M)."""
 
-    def of_controls(self, answers: Columns, protocol: ProtocolDocument) -> OfControls:
-        """Metrics over the controls, for the total, and flags; from the answers about them alone."""
-
+    @abstractmethod
     def coverage(self, measurements: Columns) -> dict[str, float | None]:
         """Share of samples answered: `edited`, and `source` where there is one."""
 
+    @abstractmethod
     def plausibility(
         self, measurements: Columns, split: SplitArrays, protocol: ProtocolDocument
     ) -> Plausibility:
         """Shares and flags."""
 
+    def of_controls(self, answers: Columns, protocol: ProtocolDocument) -> OfControls:
+        """Metrics over the controls, for the total, and flags; from the answers about them alone."""
+        return OfControls({})
+
     def extra(
         self, measurements: Columns, split: SplitArrays, protocol: ProtocolDocument
     ) -> dict[str, MetricRow]:
         """Further named rows of the score sheet."""
+        return {}
 
     def clearance_curve(
         self, measurements: Columns, split: SplitArrays, protocol: ProtocolDocument
     ) -> ClearanceCurve | None:
         """Share of samples by what they keep of the required clearance; None without clearances."""
+        return None
 
     def drawings(
         self,
@@ -93,6 +97,7 @@ class ChallengeScoring(typing.Protocol):
         protocol: ProtocolDocument,
     ) -> "EntryDrawings | None":
         """Pictures of some samples, regions and all; None where there is nothing to draw."""
+        return None
 
 
 def scoring_of(challenge_id: str) -> ChallengeScoring:

@@ -1,13 +1,16 @@
 """Compare two entries on the same samples and the same draws: what a board cannot show alone."""
 
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from exceptiondrive_schemas.board import PairedComparison
 from exceptiondrive_schemas.challenges import Challenge, Metric
 from exceptiondrive_schemas.protocol import ProtocolDocument, RankingSection
-from exceptiondrive_schemas.taxonomy import Family, Task, Taxonomy
+from exceptiondrive_schemas.score_sheet import PairedDifference
+from exceptiondrive_schemas.taxonomy import Family, Task
 from exceptiondrive_scoring.aliases import BoolArray, FloatArray
 from exceptiondrive_scoring.arrays import SplitArrays
 from exceptiondrive_scoring.bootstrap import (
@@ -20,7 +23,6 @@ from exceptiondrive_scoring.bootstrap import (
     scene_counts,
     scene_marks,
     scene_sums,
-    scene_sums_by_task,
     scenes_by_freedom,
     where_enough,
 )
@@ -28,8 +30,6 @@ from exceptiondrive_scoring.grade import SampleScores
 from exceptiondrive_scoring.interval import least_differing, percentile_intervals
 from exceptiondrive_scoring.sheet import Breakdown, MetricValues, aggregate
 
-Interval = tuple[float, float]
-SumsOf = Callable[[SampleScores, SplitArrays, Taxonomy], SceneSums]
 AS_MEAN = {"aggregation": "mean", "level": None}
 NOT_SEPARABLE = "not separable on this split"
 NO_INTERVAL = "no interval"
@@ -38,57 +38,33 @@ LEAST_DEFINED = 0.5
 read from a difference what another team's has there."""
 
 
-@dataclass(frozen=True)
-class Difference:
-    """A minus B in one metric, over the samples that both define.
-
-    Attributes:
-        difference: Difference of the aggregates; None where less than `LEAST_DEFINED` of a family is.
-        interval: Its bootstrap interval over scenes; None with too few scenes.
-        discordant: Share of the samples in which the two values differ by more than `SAME_TO`.
-        verdict: Plain words.
-    """
-
-    difference: float | None
-    interval: Interval | None
-    discordant: float | None
-    verdict: str
-
-
-@dataclass(frozen=True)
-class Comparison:
-    """Differences by metric key: the headline aggregate, each family and each task with samples.
-
-    Tasks carry the challenge's first metric alone.
-    """
-
-    overall: dict[str, Difference]
-    families: dict[str, dict[str, Difference]]
-    tasks: dict[str, dict[str, Difference]]
-
-
 def compare(
     a: SampleScores,
     b: SampleScores,
     split: SplitArrays,
     protocol: ProtocolDocument,
     challenge: Challenge,
-) -> Comparison:
-    """Compare entry A with entry B on the split of both, paired by sample."""
+) -> PairedComparison:
+    """Compare entry A with entry B on the split of both, paired by sample; nothing is rounded.
+
+    A difference is None where less than `LEAST_DEFINED` of a family is defined by both, and samples are
+    discordant whose two values differ by more than `SAME_TO`. Families and tasks are those with samples.
+    """
     headline, taxonomy = protocol.grading.headline, protocol.taxonomy
     metrics = challenge.interval_metrics
     a, b = a.only(metrics), b.only(metrics)
-    paired = _paired(a, b, split, protocol, scene_sums)
-    by_task = _paired(a.only(metrics[:1]), b.only(metrics[:1]), split, protocol, scene_sums_by_task)
-    return Comparison(
-        overall=_differences(
-            metrics,
-            paired.values.headline(headline),
-            paired.discordant.micro,
-            paired.intervals(headline),
-        ),
-        families=_by_group(metrics, paired, "families", taxonomy.families),
-        tasks=_by_group(metrics[:1], by_task, "tasks", taxonomy.tasks),
+    paired = _paired(a, b, split, protocol)
+    by_task = _paired(a.only(metrics[:1]), b.only(metrics[:1]), split, protocol, by_task=True)
+    means, discordant = paired.values.headline(headline), paired.discordant.micro
+    return PairedComparison(
+        a="A",
+        b="B",
+        overall={
+            metric.key: _difference(metric, means[metric.key], discordant[metric.key], ends)
+            for metric, ends in zip(metrics, paired.intervals(headline), strict=True)
+        },
+        families=_by_group(metrics[0], paired, "families", taxonomy.families),
+        tasks=_by_group(metrics[0], by_task, "tasks", taxonomy.tasks),
     )
 
 
@@ -126,7 +102,8 @@ def _paired(
     b: SampleScores,
     split: SplitArrays,
     protocol: ProtocolDocument,
-    sums_of: SumsOf,
+    *,
+    by_task: bool = False,
 ) -> _Paired:
     """Differences over the samples that both define.
 
@@ -139,7 +116,7 @@ def _paired(
     differs = np.where(np.isnan(gaps), np.nan, (np.abs(gaps) > SAME_TO).astype(np.float64))
     means = tuple(metric.model_copy(update=AS_MEAN) for metric in a.metrics)
     values = aggregate(SampleScores(means, gaps), split, taxonomy)
-    sums = sums_of(SampleScores(means, gaps), split, taxonomy)
+    sums = scene_sums(SampleScores(means, gaps), split, taxonomy, by_task=by_task)
     ((_, draws),) = resample([sums], ranking, means)
     columns = [m for m, metric in enumerate(a.metrics) if metric.order_level is not None]
     if columns:
@@ -147,7 +124,7 @@ def _paired(
         both = [np.where(np.isnan(gaps), np.nan, each.values)[:, columns] for each in (a, b)]
         sides = [SampleScores(ordered, each) for each in both]
         values = _replaced(values, *(aggregate(side, split, taxonomy) for side in sides))
-        of_sides = [sums_of(side, split, taxonomy) for side in sides]
+        of_sides = [scene_sums(side, split, taxonomy, by_task=by_task) for side in sides]
         (_, of_a), (_, of_b) = resample(of_sides, ranking, ordered)
         draws.micro[columns] = of_a.micro - of_b.micro
         draws.macro_family[columns] = of_a.macro_family - of_b.macro_family
@@ -204,36 +181,30 @@ def _replaced(values: Breakdown, a: Breakdown, b: Breakdown) -> Breakdown:
 
 
 def _by_group(
-    metrics: Sequence[Metric], paired: _Paired, kind: str, groups: Sequence[Family | Task]
-) -> dict[str, dict[str, Difference]]:
-    """Differences by family, or by task; the same draws of scenes as everything else."""
-    values, discordant = getattr(paired.values, kind), getattr(paired.discordant, kind)
+    metric: Metric, paired: _Paired, kind: str, groups: Sequence[Family | Task]
+) -> dict[str, PairedDifference]:
+    """Differences in the first metric by family, or by task; the same draws of scenes as everything else."""
+    means, discordant = getattr(paired.values, kind), getattr(paired.discordant, kind)
     return {
-        group.id: _differences(metrics, values[group.id], discordant[group.id], ends)
+        group.id: _difference(
+            metric, means[group.id][metric.key], discordant[group.id][metric.key], ends[0]
+        )
         for group, ends in zip(groups, paired.intervals("families"), strict=True)
-        if group.id in values
-    }
-
-
-def _differences(
-    metrics: Sequence[Metric],
-    means: dict[str, float | None],
-    discordant: dict[str, float | None],
-    intervals: FloatArray,
-) -> dict[str, Difference]:
-    return {
-        metric.key: _difference(metric, means[metric.key], discordant[metric.key], ends)
-        for metric, ends in zip(metrics, intervals, strict=True)
+        if group.id in means
     }
 
 
 def _difference(
     metric: Metric, mean: float | None, discordant: float | None, ends: FloatArray
-) -> Difference:
-    if np.isnan(ends).any():
-        return Difference(mean, None, discordant, NO_INTERVAL)
-    interval = (float(ends[0]), float(ends[1]))
-    return Difference(mean, interval, discordant, _verdict(metric, *interval))
+) -> PairedDifference:
+    low, high = ends.tolist()
+    has_none = math.isnan(low) or math.isnan(high)
+    return PairedDifference(
+        difference=mean,
+        interval=None if has_none else (low, high),
+        discordant=discordant,
+        verdict=NO_INTERVAL if has_none else _verdict(metric, low, high),
+    )
 
 
 def _verdict(metric: Metric, low: float, high: float) -> str:

@@ -280,11 +280,7 @@ def _pushed_aside(
     low, high = -FURTHEST_ASIDE_M, SWERVE_M
     for _ in range(N_HALVINGS):
         middle = (low + high) / 2
-        moved = prepare_regions((shape + _aside(middle))[None])
+        moved = prepare_regions((shape + np.array([0.0, middle]))[None])
         is_close = clearance_m(path, moved, geometry)[0] < wanted_m
         low, high = (low, middle) if is_close else (middle, high)
-    return tuple((float(x), float(y)) for x, y in shape + _aside(low))
-
-
-def _aside(y_m: float) -> FloatArray:
-    return np.array([0.0, y_m])
+    return tuple((float(x), float(y)) for x, y in shape + np.array([0.0, low]))

@@ -1,7 +1,7 @@
 """The planning challenge: trajectory pairs against hazard regions (docs/protocol.md sections 1 to 5)."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from exceptiondrive_schemas.protocol import GeometrySection, ProtocolDocument
 from exceptiondrive_schemas.score_sheet import ClearanceCurve, MetricRow, Plausibility
 from exceptiondrive_scoring.aliases import Columns, FloatArray
 from exceptiondrive_scoring.arrays import SplitArrays, TrajectoryPairs
+from exceptiondrive_scoring.challenge import ChallengeScoring
 from exceptiondrive_scoring.grade import (
     Regrading,
     SampleScores,
@@ -48,14 +49,14 @@ def _grade_clearances(
     return sample_scores(BY_CLEARANCE, by_key)
 
 
-class PlanningScoring:
+class PlanningScoring(ChallengeScoring):
     """Trajectory pairs against hazard regions."""
 
     challenge = PLANNING
-    alike = AlikeRule(
+    alike: ClassVar[AlikeRule] = AlikeRule(
         _edited, tolerance=0.05, equal_share=0.9, mean_distance=0.25, may_be_scaled=True
     )
-    regrading = Regrading(
+    regrading: ClassVar[Regrading] = Regrading(
         columns=("clearance_m", "intrusion"),
         metrics=BY_CLEARANCE,
         places=tuple(PLANNING.metrics.index(metric) for metric in BY_CLEARANCE),

@@ -1,12 +1,14 @@
 """Rank entries by the protocol, and say which ranks the draws leave open."""
 
-from collections.abc import Mapping, Sequence
+from bisect import bisect_left
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from exceptiondrive_schemas.challenges import Order, RankKey
+from exceptiondrive_schemas.score_sheet import MetricRow
 from exceptiondrive_scoring.aliases import FloatArray, IntArray
 from exceptiondrive_scoring.bootstrap import SAME_TO, Uncertainty
 from exceptiondrive_scoring.interval import draws_cut_off, least_differing
@@ -18,40 +20,31 @@ PAIRED = 1_000
 
 
 def ranks(
-    values: Mapping[str, Sequence[float | None]],
-    coverage_suffices: Sequence[bool],
-    order: Sequence[RankKey],
+    rows: Sequence[MetricRow], coverage_suffices: Sequence[bool], order: Sequence[RankKey]
 ) -> list[int | None]:
     """Rank entries (docs/protocol.md section 4).
 
     Args:
-        values: Metric key to the value of each of K entries, rounded to the published precision.
+        rows: Metrics of each of K entries, rounded to the published precision.
         coverage_suffices: Whether each entry answers enough samples to rank.
         order: Keys, the first one decides.
 
     Returns:
         K ranks; None where a value is undefined or coverage is too low.
     """
-    keys = [_sort_key(values, order, index) for index in range(len(coverage_suffices))]
-    ranked = sorted(
-        key for key, suffices in zip(keys, coverage_suffices, strict=True) if suffices and key
-    )
-    first: dict[tuple[float, ...], int] = {}
-    for position, key in enumerate(ranked, start=1):
-        first.setdefault(key, position)
-    return [
-        first[key] if suffices and key else None
-        for key, suffices in zip(keys, coverage_suffices, strict=True)
+    keys = [
+        _sort_key(row, order) if suffices else None
+        for row, suffices in zip(rows, coverage_suffices, strict=True)
     ]
+    ranked = sorted(key for key in keys if key is not None)
+    return [None if key is None else 1 + bisect_left(ranked, key) for key in keys]
 
 
-def _sort_key(
-    values: Mapping[str, Sequence[float | None]], order: Sequence[RankKey], index: int
-) -> tuple[float, ...] | None:
+def _sort_key(row: MetricRow, order: Sequence[RankKey]) -> tuple[float, ...] | None:
     """Smaller is better; None where a value is undefined."""
     parts: list[float] = []
     for key in order:
-        value = values[key.metric][index]
+        value = row.get(key.metric)
         if value is None:
             return None
         parts.append(-value if key.order == "descending" else value)

@@ -2,22 +2,23 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from exceptiondrive_schemas.challenges import STRATEGY
 from exceptiondrive_schemas.check import CheckedDocument, StrategyAnswer, StrategyDocument
-from exceptiondrive_schemas.drawing import EntryDrawings
 from exceptiondrive_schemas.printable import share_past
 from exceptiondrive_schemas.protocol import GeometrySection, GradingSection, ProtocolDocument
-from exceptiondrive_schemas.score_sheet import REMINDER, ClearanceCurve, MetricRow, Plausibility
+from exceptiondrive_schemas.score_sheet import REMINDER, MetricRow, Plausibility
 from exceptiondrive_schemas.submission_files import ReminderRecord
 from exceptiondrive_schemas.taxonomy import Strategy, Taxonomy
 from exceptiondrive_scoring.aliases import BoolArray, Columns, FloatArray, IntArray
 from exceptiondrive_scoring.arrays import STRATEGIES, SplitArrays, family_of_task
-from exceptiondrive_scoring.grade import Regrading, SampleScores, sample_scores
-from exceptiondrive_scoring.plausibility import OfControls, raised, share_of
+from exceptiondrive_scoring.challenge import ChallengeScoring
+from exceptiondrive_scoring.grade import SampleScores, sample_scores
+from exceptiondrive_scoring.plausibility import raised, share_of
 from exceptiondrive_scoring.similarity import AlikeRule
 
 NO_ANSWER = -1
@@ -161,14 +162,13 @@ def _letters(answers: Columns) -> FloatArray:
     return np.where(letters == NO_ANSWER, np.nan, letters)[:, None, None]
 
 
-class StrategyScoring:
-    """Answers A to E against acceptable sets."""
+class StrategyScoring(ChallengeScoring):
+    """Answers A to E against acceptable sets; of controls it asks nothing, they are about progress."""
 
     challenge = STRATEGY
-    alike = AlikeRule(
+    alike: ClassVar[AlikeRule] = AlikeRule(
         _letters, tolerance=0.0, equal_share=0.995, mean_distance=None, probe_share=0.99
     )
-    regrading: Regrading | None = None
 
     def columns(self, document: CheckedDocument, sample_ids: Sequence[str]) -> Columns:
         """The answers of a sound file."""
@@ -184,10 +184,6 @@ class StrategyScoring:
     ) -> SampleScores:
         """Accuracy, under-warning, over-warning and missing of each sample."""
         return grade_strategies(StrategyAnswers.from_columns(measurements), split, protocol)
-
-    def of_controls(self, answers: Columns, protocol: ProtocolDocument) -> OfControls:
-        """Controls are about progress, which strategies have not."""
-        return OfControls({})
 
     def coverage(self, measurements: Columns) -> dict[str, float | None]:
         """Share of samples answered."""
@@ -220,20 +216,3 @@ class StrategyScoring:
         if answers.reminder_given.any():
             rows[REMINDER] = reminder_scores(answers, split, protocol.taxonomy)
         return rows
-
-    def clearance_curve(
-        self, measurements: Columns, split: SplitArrays, protocol: ProtocolDocument
-    ) -> ClearanceCurve | None:
-        """Strategies have no clearance."""
-        return None
-
-    def drawings(
-        self,
-        answers: Columns,
-        measurements: Columns,
-        sample_ids: Sequence[str],
-        split: SplitArrays,
-        protocol: ProtocolDocument,
-    ) -> EntryDrawings | None:
-        """Strategies have no trajectories to draw."""
-        return None

@@ -45,89 +45,56 @@ class Failure:
 
     code: FailureCode
     message: str
-    may_retry: bool
+    may_retry: bool = True
     is_outage: bool = False
     """Whether what every job needs was away: that was no attempt at this one."""
 
 
-INTERNAL = Failure(
-    FailureCode.INTERNAL, "Scoring failed on our side; the organizers can see it.", may_retry=True
-)
+INTERNAL = Failure(FailureCode.INTERNAL, "Scoring failed on our side; the organizers can see it.")
 _RECORDS_AWAY = Failure(
-    FailureCode.RECORDS_UNAVAILABLE, "The records did not answer.", may_retry=True, is_outage=True
+    FailureCode.RECORDS_UNAVAILABLE, "The records did not answer.", is_outage=True
 )
-_FAILURES: tuple[tuple[type[BaseException], Failure], ...] = (
-    (
-        SoftTimeLimitExceeded,
-        Failure(FailureCode.TIME_LIMIT, "Scoring took longer than it may.", may_retry=True),
+_FAILURES: dict[type[BaseException], Failure] = {
+    SoftTimeLimitExceeded: Failure(FailureCode.TIME_LIMIT, "Scoring took longer than it may."),
+    MemoryError: Failure(FailureCode.OUT_OF_MEMORY, "Scoring took more memory than it may."),
+    FileDamaged: Failure(
+        FailureCode.UPLOAD_DAMAGED,
+        "The stored upload no longer has the bytes that you sent; the organizers can see it.",
+        may_retry=False,
     ),
-    (
-        MemoryError,
-        Failure(FailureCode.OUT_OF_MEMORY, "Scoring took more memory than it may.", may_retry=True),
+    FileUnreadable: Failure(FailureCode.UPLOAD_UNREADABLE, "The stored upload could not be read."),
+    StoreError: Failure(
+        FailureCode.STORE_UNAVAILABLE, "The store of uploads did not answer.", is_outage=True
     ),
-    (
-        FileDamaged,
-        Failure(
-            FailureCode.UPLOAD_DAMAGED,
-            "The stored upload no longer has the bytes that you sent; the organizers can see it.",
-            may_retry=False,
-        ),
+    NotFound: Failure(FailureCode.UPLOAD_MISSING, "The stored upload could not be found."),
+    SplitRefusedError: Failure(
+        FailureCode.SPLIT_REFUSED,
+        "The split cannot be scored under this protocol; the organizers can see why.",
+        may_retry=False,
     ),
-    (
-        FileUnreadable,
-        Failure(
-            FailureCode.UPLOAD_UNREADABLE, "The stored upload could not be read.", may_retry=True
-        ),
+    SplitDayFullError: Failure(
+        FailureCode.SPLIT_DAY_FULL,
+        "As many submissions as the withheld split allows were scored within a day; the "
+        "organizers can have this one scored later.",
+        may_retry=False,
     ),
-    (
-        StoreError,
-        Failure(
-            FailureCode.STORE_UNAVAILABLE,
-            "The store of uploads did not answer.",
-            may_retry=True,
-            is_outage=True,
-        ),
+    FloorHeldError: Failure(
+        FailureCode.SPLIT_FLOOR,
+        "The phase asks for more of its withheld split than the split's floors allow; the "
+        "organizers can see what.",
+        may_retry=False,
     ),
-    (
-        NotFound,
-        Failure(
-            FailureCode.UPLOAD_MISSING, "The stored upload could not be found.", may_retry=True
-        ),
-    ),
-    (
-        SplitRefusedError,
-        Failure(
-            FailureCode.SPLIT_REFUSED,
-            "The split cannot be scored under this protocol; the organizers can see why.",
-            may_retry=False,
-        ),
-    ),
-    (
-        SplitDayFullError,
-        Failure(
-            FailureCode.SPLIT_DAY_FULL,
-            "As many submissions as the withheld split allows were scored within a day; the "
-            "organizers can have this one scored later.",
-            may_retry=False,
-        ),
-    ),
-    (
-        FloorHeldError,
-        Failure(
-            FailureCode.SPLIT_FLOOR,
-            "The phase asks for more of its withheld split than the split's floors allow; the "
-            "organizers can see what.",
-            may_retry=False,
-        ),
-    ),
-)
+}
+"""By kind of error; the first that fits says it."""
 
 
 def failure_of(error: BaseException) -> Failure:
     """Return what an error means for the submission."""
     if isinstance(error, OperationalError | InterfaceError | PoolTimeout):
         return INTERNAL if is_forbidden(error) else _RECORDS_AWAY
-    return next((failure for kind, failure in _FAILURES if isinstance(error, kind)), INTERNAL)
+    return next(
+        (failure for kind, failure in _FAILURES.items() if isinstance(error, kind)), INTERNAL
+    )
 
 
 def run_job(job: str, do: Callable[[], object], on_failure: Callable[[Failure], None]) -> bool:

@@ -48,14 +48,6 @@ from exceptiondrive_worker.splits.store import (
 from exceptiondrive_worker.splits.warnings import check_report, split_warnings, warning_lines
 
 
-def register(app: typer.Typer) -> None:
-    """Add the commands to a command line."""
-    app.command("lint")(lint_split)
-    app.command("freeze")(freeze_split)
-    app.command("reopen")(reopen)
-    app.command("withdraw")(withdraw)
-
-
 def lint_split(
     workshop: WorkshopFolder = Path(),
     file: Annotated[

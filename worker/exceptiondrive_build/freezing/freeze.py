@@ -43,7 +43,7 @@ _NAMED = 10
 
 @dataclass(frozen=True)
 class Frozen:
-    """A split and what is published beside it."""
+    """A split and what is published beside it; its provenance is what it stands on, sample by sample."""
 
     split: Split
     datasheet: Datasheet
@@ -101,7 +101,11 @@ def freeze(
     return Frozen(
         split=split,
         datasheet=_as_counted_before(sheet, sheet_before, some_verified=bool(of_the_next)),
-        provenance=tuple(_provenance(workshop, candidates, split)),
+        provenance=tuple(
+            record
+            for key in sorted(it.sample_id for it in split.samples)
+            for record in candidates[key].decisions
+        ),
         manifest=Manifest.of(split, workshop.protocol.geometry),
     )
 
@@ -450,23 +454,6 @@ def _pictures(workshop: Workshop, candidate: Candidate) -> tuple[bytes, bytes]:
     assert isinstance(candidate.edited, Edited)
     view, edited = next(iter(candidate.edited.images.items()))
     return workshop.image(candidate.keyframe.camera(view).image), workshop.image(edited)
-
-
-def _provenance(
-    workshop: Workshop, candidates: Mapping[str, Candidate], split: Split
-) -> Iterator[Record]:
-    """The decisions that the split stands on, sample by sample."""
-    withdrawn = workshop.current(Kind.WITHDRAW)
-    for sample in sorted(split.samples, key=lambda it: it.sample_id):
-        it = candidates[sample.sample_id]
-        last = [withdrawn[sample.sample_id]] if sample.withdrawn is not None else []
-        by_model = [
-            it.current[kind]
-            for kind in (Kind.SCREEN, Kind.EDIT, Kind.REVIEW, Kind.LOCALIZE)
-            if kind in it.current
-        ]
-        people = sorted((*it.inspections, *it.verifications), key=lambda record: record.digest)
-        yield from (*by_model, *people, *last)
 
 
 def _provenance_line(record: Record) -> bytes:

@@ -330,11 +330,6 @@ def _add_cards(app: FastAPI) -> None:
         return {}
 
 
-def register(app: typer.Typer) -> None:
-    """Add the command to a command line."""
-    app.command()(review)
-
-
 def review(
     workshop: WorkshopFolder = Path(),
     port: Annotated[int, typer.Option(min=0, max=65535, help="0: any free one.")] = 8400,

@@ -56,9 +56,6 @@ class Leases(Database):
 
         `offered` gives cards, the first to take first, from who holds which now.
 
-        Returns:
-            The cards taken.
-
         Raises:
             BuildError: The file cannot be written.
         """

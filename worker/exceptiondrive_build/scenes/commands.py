@@ -12,15 +12,14 @@ from exceptiondrive_build.scenes.read_in import read_in
 from exceptiondrive_build.workshop import Workshop
 from exceptiondrive_schemas.printable import counted
 
-
-def register(app: typer.Typer) -> None:
-    """Add the commands to a command line."""
-    scenes = typer.Typer(rich_markup_mode=None, no_args_is_help=True)
-    scenes.command()(make)
-    scenes.command()(read)
-    app.add_typer(scenes, name="scenes", help="Make a set of scenes, or read one into a workshop.")
+scenes = typer.Typer(
+    rich_markup_mode=None,
+    no_args_is_help=True,
+    help="Make a set of scenes, or read one into a workshop.",
+)
 
 
+@scenes.command()
 def make(
     folder: Path,
     n_scenes: Annotated[int, typer.Option("--scenes", min=1)] = 3,
@@ -33,6 +32,7 @@ def make(
     typer.echo(f"{folder}: {n_scenes} scenes of {n_samples} keyframes, six views each")
 
 
+@scenes.command()
 def read(
     source: Annotated[
         Path, typer.Argument(help="A nuScenes folder, or a file of keyframes, one a line.")

@@ -5,12 +5,14 @@ the origin on the ground below the centre of the rear axle, at the time of the k
 """
 
 from collections import Counter
+from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, Field, ValidationError
 
-from exceptiondrive_schemas.base import Document
+from exceptiondrive_build.errors import BuildError
+from exceptiondrive_schemas.base import Document, faults_in
 from exceptiondrive_schemas.submission_files import Waypoint
 
 FARTHEST = 1e9
@@ -108,3 +110,24 @@ class Keyframe(Document):
             if camera.view == view:
                 return camera
         raise KeyError(view)
+
+
+def read_keyframes(path: Path, lines: bytes, advice: str = "") -> dict[str, Keyframe]:
+    """Return the keyframes of a file by id, in its order: a line is the JSON of each; `advice` is how to mend it.
+
+    Raises:
+        BuildError: A line is no keyframe, or an id stands twice.
+    """
+    found: dict[str, Keyframe] = {}
+    for number, line in enumerate(lines.splitlines(), start=1):
+        if not line.strip():
+            continue
+        try:
+            keyframe = Keyframe.model_validate_json(line)
+        except ValidationError as error:
+            faults = "; ".join(faults_in(error))
+            raise BuildError(f"{path}, line {number}: {faults}.", advice) from None
+        if keyframe.keyframe_id in found:
+            raise BuildError(f"{path}, line {number}: {keyframe.keyframe_id} stands twice.", advice)
+        found[keyframe.keyframe_id] = keyframe
+    return found

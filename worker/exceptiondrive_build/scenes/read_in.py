@@ -1,19 +1,16 @@
 """Scenes from what an organizer has (nuScenes, or `scenes.jsonl`, one line a keyframe) into a workshop."""
 
-from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from pydantic import ValidationError
 
 from exceptiondrive_build.candidates import picture_digests, walk
 from exceptiondrive_build.errors import BuildError
-from exceptiondrive_build.scenes.keyframe import Keyframe
+from exceptiondrive_build.scenes.keyframe import Keyframe, read_keyframes
 from exceptiondrive_build.scenes.nuscenes import read_nuscenes
 from exceptiondrive_build.scenes.scene_set import SceneSet
 from exceptiondrive_build.workshop import SCENES, Workshop
-from exceptiondrive_schemas.base import faults_in
 from exceptiondrive_schemas.check.drives import drives_fault
 from exceptiondrive_schemas.printable import counted
 
@@ -124,36 +121,18 @@ def read_scenes(source: Path, version: str | None = None) -> SceneSet:
 
 def _read_lines(source: Path) -> SceneSet:
     try:
-        lines = source.read_bytes().splitlines()
+        keyframes = read_keyframes(source, source.read_bytes())
     except OSError as error:
         raise BuildError(f"No scenes at {source}: {error.strerror}.") from None
-    keyframes = {
-        number: _keyframe(line, f"{source}, line {number}")
-        for number, line in enumerate(lines, start=1)
-        if line.strip()
-    }
-    scenes = SceneSet(source.parent, tuple(keyframes.values()))
-    views = {camera.view for keyframe in scenes.keyframes for camera in keyframe.cameras}
-    for number, keyframe in keyframes.items():
+    views = {camera.view for keyframe in keyframes.values() for camera in keyframe.cameras}
+    for keyframe_id, keyframe in keyframes.items():
         lacking = sorted(views - {camera.view for camera in keyframe.cameras})
         if lacking:
             raise BuildError(
-                f"{source}, line {number}: keyframe {keyframe.keyframe_id} has no "
-                f"{', '.join(lacking)}.",
+                f"{source}: keyframe {keyframe_id} has no {', '.join(lacking)}.",
                 "Every keyframe has the same views.",
             )
-    times_given = Counter(keyframe.keyframe_id for keyframe in scenes.keyframes)
-    repeated = sorted(one for one, count in times_given.items() if count > 1)
-    if repeated:
-        raise BuildError(f"{source}: keyframes given twice: {', '.join(repeated)}.")
-    return scenes
-
-
-def _keyframe(line: bytes, where: str) -> Keyframe:
-    try:
-        return Keyframe.model_validate_json(line)
-    except ValidationError as error:
-        raise BuildError(f"{where}: {'; '.join(faults_in(error))}.") from None
+    return SceneSet(source.parent, tuple(keyframes.values()))
 
 
 def write_scenes(scenes: SceneSet, path: Path) -> None:

@@ -22,13 +22,7 @@ from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.score_sheet import MetricRow, PairedDifference, ScoreSheet
 from exceptiondrive_scoring.aliases import Columns
 from exceptiondrive_scoring.bootstrap import Uncertainty, bootstrap
-from exceptiondrive_scoring.compare import (
-    NO_INTERVAL,
-    NOT_SEPARABLE,
-    Comparison,
-    Difference,
-    compare,
-)
+from exceptiondrive_scoring.compare import NO_INTERVAL, NOT_SEPARABLE, compare
 from exceptiondrive_worker.boards.rounding import Rounding
 from exceptiondrive_worker.splits.private_store import PrivateStore, Shelf, content_key
 from exceptiondrive_worker.stages import Stages, Target
@@ -55,7 +49,7 @@ def comparisons(
     """
     return tuple(
         published_comparison(
-            _kept_or_made(stages, a, b),
+            _named(kept_comparison(stages, a, b), a[1], b[1]),
             a[0].challenge,
             protocol,
             (a[1].sheet, b[1].sheet),
@@ -66,22 +60,43 @@ def comparisons(
     )
 
 
-def exact_comparison(
-    found: Comparison, a: EntryRecord, b: EntryRecord, first_metric: str
-) -> PairedComparison:
-    """Put a comparison in the words of a board; nothing is rounded."""
-    words = {"A": a.method, "B": b.method}
+def kept_comparison(stages: Stages, a: Standing, b: Standing) -> PairedComparison:
+    """Compare two entries, who are A and B in it, unless that was done before; nothing is rounded."""
+    target = a[0]
+    key = content_key(
+        "comparison/5",
+        *(stages.scene_sums_key(each, record.measurement_key) for each, record in (a, b)),
+        target.protocol.ranking_digest,
+        target.protocol.grading.headline,
+    )
+    kept = stages.private.read_document(Shelf.COMPARISONS, key, PairedComparison)
+    if kept is not None:
+        return kept
+    of_a, of_b = (stages.sample_scores(each, record.measurement_key) for each, record in (a, b))
+    made = compare(of_a, of_b, target.split.arrays, target.protocol, target.challenge)
+    stages.private.write(Shelf.COMPARISONS, key, canonical_json(made))
+    return made
+
+
+def _named(found: PairedComparison, a: EntryRecord, b: EntryRecord) -> PairedComparison:
+    """Put submissions, and in verdicts methods, in the place of A and B."""
+    methods = {"A": a.method, "B": b.method}
+
+    def words(verdict: str) -> str:
+        who, _, what = verdict.partition(" is ")
+        return f"{methods[who]} is {what}" if who in methods else verdict
+
+    def named(rows: Mapping[str, PairedDifference]) -> dict[str, PairedDifference]:
+        return {
+            key: row.model_copy(update={"verdict": words(row.verdict)}) for key, row in rows.items()
+        }
+
     return PairedComparison(
         a=a.submission_id,
         b=b.submission_id,
-        overall={key: _difference(each, words) for key, each in found.overall.items()},
-        families={
-            family: _difference(metrics[first_metric], words)
-            for family, metrics in found.families.items()
-        },
-        tasks={
-            task: _difference(metrics[first_metric], words) for task, metrics in found.tasks.items()
-        },
+        overall=named(found.overall),
+        families=named(found.families),
+        tasks=named(found.tasks),
     )
 
 
@@ -139,42 +154,6 @@ def _is_shown(
     rows = [getattr(sheet, group).get(key) for sheet in sheets]
     least = protocol.publication.min_samples_per_cell
     return all(row is not None and (row.n or 0) >= least for row in rows)
-
-
-def _kept_or_made(stages: Stages, a: Standing, b: Standing) -> PairedComparison:
-    target = a[0]
-    key = content_key(
-        "comparison/4",
-        *(stages.scene_sums_key(each, record.measurement_key) for each, record in (a, b)),
-        target.protocol.ranking_digest,
-        target.protocol.grading.headline,
-        *(text for _, record in (a, b) for text in (record.submission_id, record.method)),
-    )
-    kept = stages.private.read_document(Shelf.COMPARISONS, key, PairedComparison)
-    if kept is not None:
-        return kept
-    of_a, of_b = (stages.sample_scores(each, record.measurement_key) for each, record in (a, b))
-    found = compare(of_a, of_b, target.split.arrays, target.protocol, target.challenge)
-    made = exact_comparison(found, a[1], b[1], target.challenge.metrics[0].key)
-    stages.private.write(Shelf.COMPARISONS, key, canonical_json(made))
-    return made
-
-
-def _difference(found: Difference, words: Mapping[str, str]) -> PairedDifference:
-    """The verdict with the names of the methods in place of A and B."""
-    who, _, what = found.verdict.partition(" is ")
-    verdict = f"{words[who]} is {what}" if what and who in words else found.verdict
-    return paired_difference(found, verdict)
-
-
-def paired_difference(found: Difference, verdict: str) -> PairedDifference:
-    """Return a difference as a board tells it, with its verdict in these words; nothing is rounded."""
-    return PairedDifference(
-        difference=found.difference,
-        interval=found.interval,
-        discordant=found.discordant,
-        verdict=verdict,
-    )
 
 
 def rounded_difference(

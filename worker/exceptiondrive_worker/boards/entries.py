@@ -107,12 +107,10 @@ class _Rows:
     def ranks(self, entries: Sequence[ScoredEntry], may_rank: Sequence[bool]) -> list[int | None]:
         """Rank entries among those that may, by what is published; None for the others."""
         sheets = [entry.record.sheet for entry in entries]
-        headlines = [sheet.average(self._average) for sheet in sheets]
-        values = {key.metric: [row.get(key.metric) for row in headlines] for key in self._order}
         takes_part = [
             may and self._is_covered(sheet) for may, sheet in zip(may_rank, sheets, strict=True)
         ]
-        return ranks(values, takes_part, self._order)
+        return ranks([sheet.average(self._average) for sheet in sheets], takes_part, self._order)
 
     def spread(self, ranked: Sequence[ScoredEntry]) -> list[tuple[int, int] | None]:
         """Best and worst rank that are left open, of entries in the order of their ranks.

@@ -41,8 +41,6 @@ class Rounding:
         self._has_public_drives = has_public_drives
         self._publication = publication
         self._fraction_decimals = publication.percent_decimals + 2
-        self._metre_decimals = publication.metre_decimals
-        self._least_samples = publication.min_samples_per_cell
         self._metrics: dict[str, Metric] = {metric.key: metric for metric in challenge.metrics}
         self._in_metres = {metric.key for metric in challenge.metrics if metric.unit == "metre"}
 
@@ -68,7 +66,7 @@ class Rounding:
     def counted_row(self, row: MetricRow) -> MetricRow:
         """Round a further row; one that counts too few samples is withheld but for its `n`."""
         n = row.get("n")
-        if n is not None and n < self._least_samples:
+        if n is not None and n < self._publication.min_samples_per_cell:
             return dict.fromkeys(row) | {"n": n}
         return self.row(row)
 
@@ -94,7 +92,7 @@ class Rounding:
         `told` are the kinds of `Metric.cells` that this split tells.
         """
         metrics = row.metrics
-        if row.n is not None and row.n < self._least_samples:
+        if row.n is not None and row.n < self._publication.min_samples_per_cell:
             return row.model_copy(update=dict.fromkeys(metrics))
         hidden = {key for key, metric in self._metrics.items() if metric.cells not in told}
         return row.model_copy(update=self.row(metrics) | dict.fromkeys(metrics.keys() & hidden))
@@ -129,19 +127,17 @@ class Rounding:
         )
 
     def _decimals(self, key: str) -> int:
-        return self._metre_decimals if key in self._in_metres else self._fraction_decimals
+        return (
+            self._publication.metre_decimals if key in self._in_metres else self._fraction_decimals
+        )
 
     def _curve(self, curve: ClearanceCurve | None) -> ClearanceCurve | None:
         if curve is None:
             return None
-        shares = {"micro": curve.micro, "macro_family": curve.macro_family}
-        decimals = self._fraction_decimals
-        return curve.model_copy(
-            update={
-                key: tuple(_rounded(share, decimals) for share in row)
-                for key, row in shares.items()
-            }
-        )
+        rounded = {
+            key: tuple(map(self.fraction, getattr(curve, key))) for key in ("micro", "macro_family")
+        }
+        return curve.model_copy(update=rounded)
 
 
 def _rounded(value: float, decimals: int) -> float:

@@ -11,8 +11,8 @@ import math
 import os
 import shutil
 import time
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterator
+from contextlib import suppress
 from enum import StrEnum
 from pathlib import Path
 from typing import Any, TypeVar
@@ -48,8 +48,6 @@ class Shelf(StrEnum):
     """What no required clearance changes in a sheet. Key: measurement, plausibility, groups."""
     INTERVALS = "intervals"
     """Intervals and draws of one entry. Key: measurement, grading, tasks and scenes of the split, ranking."""
-    EFFECTS = "effects"
-    """An entry against its linked counterpart. Key: as the intervals of both."""
     FINGERPRINTS = "fingerprints"
     """What some samples were answered with. Key: file, and which samples."""
     COMPARISONS = "comparisons"
@@ -170,49 +168,32 @@ def _note_use(file: int) -> None:
         os.utime(file)
 
 
-@dataclass(frozen=True)
-class KeptFile:
-    """One file of the store."""
-
-    path: Path
-    size_bytes: int
-    used_at: float
-    """Seconds since 1970, to a day: when it was last written or read."""
-
-
-def files_to_prune(
-    files: Iterable[KeptFile], max_bytes: int, unused_since: float
-) -> list[KeptFile]:
-    """Return the files to remove: those not used since then, and the least used beyond the room."""
-    doomed, room = [], max_bytes
-    for file in sorted(files, key=lambda kept: kept.used_at, reverse=True):
-        room -= file.size_bytes
-        if room < 0 or file.used_at < unused_since:
-            doomed.append(file)
-    return doomed
-
-
 def prune(store: PrivateStore, *, max_bytes: int, max_age_days: float) -> int:
-    """Remove what is too old or too much, and what killed verifications left; return how many files."""
+    """Remove what was not used for so long, and the least used beyond the room; return how many files.
+
+    What killed verifications left goes, too.
+    """
     _sweep_verifications(store.root)
-    unused_since = time.time() - max_age_days * _DAY_S
-    doomed = files_to_prune(_kept_files(store.root), max_bytes, unused_since)
-    for file in doomed:
-        file.path.unlink(missing_ok=True)
-    if doomed:
-        freed = sum(file.size_bytes for file in doomed)
-        _log.info("private store pruned", files=len(doomed), bytes=freed)
-    return len(doomed)
+    unused_since, room = time.time() - max_age_days * _DAY_S, max_bytes
+    n_files = n_bytes = 0
+    for path, status in sorted(
+        _kept_files(store.root), key=lambda kept: kept[1].st_mtime, reverse=True
+    ):
+        room -= status.st_size
+        if room < 0 or status.st_mtime < unused_since:
+            path.unlink(missing_ok=True)
+            n_files, n_bytes = n_files + 1, n_bytes + status.st_size
+    if n_files:
+        _log.info("private store pruned", files=n_files, bytes=n_bytes)
+    return n_files
 
 
-def _kept_files(root: Path) -> Iterable[KeptFile]:
+def _kept_files(root: Path) -> Iterator[tuple[Path, os.stat_result]]:
+    """Yield each file; when it was last written or read its time tells to a day."""
     for shelf in Shelf:
         for path in (root / shelf).iterdir():
-            try:
-                status = path.stat()
-            except FileNotFoundError:  # another process was quicker
-                continue
-            yield KeptFile(path, status.st_size, status.st_mtime)
+            with suppress(FileNotFoundError):  # another process was quicker
+                yield path, path.stat()
 
 
 def _sweep_verifications(root: Path) -> None:
