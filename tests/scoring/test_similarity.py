@@ -15,12 +15,14 @@ from exceptiondrive_scoring.planning import PlanningScoring
 from exceptiondrive_scoring.similarity import (
     FARTHEST,
     FINGERPRINT_SAMPLES,
+    FIRST_LOOK,
     SLACK,
     Alikeness,
     alikeness,
     compare_pair,
     distances,
     fingerprinted_samples,
+    may_be_alike,
 )
 from exceptiondrive_scoring.strategy import StrategyScoring
 
@@ -109,6 +111,41 @@ def test_distance_is_symmetric_and_bounded(a: int, b: int) -> None:
     apart = distances(ways(a, 20), ways(b, 20))
     assert (apart == distances(ways(b, 20), ways(a, 20))).all()
     assert ((apart >= 0) & (apart <= FARTHEST)).all()
+
+
+@given(
+    st.integers(0, 1000),
+    st.sampled_from([5, 63, 64, 65, 256]),
+    st.sampled_from([0.0, 0.01, 0.04, 0.06]),
+    st.floats(0.0, 0.4),
+    st.sampled_from([0.0, 0.05, 0.5]),
+    st.sampled_from([np.float32, np.float64]),
+)
+def test_a_first_look_passes_over_no_copy(
+    seed: int, n_samples: int, noise_m: float, changed: float, missing: float, kind: type
+) -> None:
+    rng = np.random.default_rng(seed)
+    one = ways(seed, n_samples)
+    one[rng.random(n_samples) < missing / 2] = np.nan
+    others = np.repeat(one[None], 6, axis=0) * rng.uniform(0.75, 1.3, (6, 1, 1, 1))
+    others += rng.normal(0, 0.5, (6, 1, 1, 2)) + rng.normal(0, noise_m, others.shape)
+    others[rng.random((6, n_samples)) < changed] += [3.0, 1.0]
+    others[rng.random((6, n_samples)) < missing / 2] = np.nan
+    one, others = one.astype(kind), others.astype(kind)
+    may = may_be_alike(one, others, PLANNING, SLACK)
+    for found, is_open in zip(alikeness(one, others, PLANNING), may, strict=True):
+        is_candidate = PLANNING.is_alike(found, SLACK) or PLANNING.is_probe(found, SLACK)
+        assert is_open or not is_candidate
+
+
+def test_a_first_look_is_enough_where_it_sees_no_copy() -> None:
+    one = ways(0, 256)
+    is_new = np.arange(256)[:, None, None] < FIRST_LOOK
+    part = np.where(is_new, ways(1, 256), one) * 1.1
+    (whole,) = alikeness(one, part[None], PLANNING)
+    assert (whole.equal_share, whole.aligned_share) == (0.0, 0.75)
+    assert may_be_alike(one, np.stack([part, one]), PLANNING, SLACK).tolist() == [False, True]
+    assert alikeness(one, np.empty((0, *one.shape)), PLANNING) == []
 
 
 def test_which_samples_are_fingerprinted_follows_from_the_seed_alone() -> None:

@@ -7,6 +7,7 @@ thousand submissions at once; only candidates are compared sample by sample.
 
 import functools
 import hashlib
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -24,6 +25,10 @@ SLACK = 0.1
 
 LEAST_SCALE, FARTHEST_SHIFT = 0.8, 1.0
 """A copy scaled by more, or shifted by more metres, is a driver of its own."""
+FIRST_LOOK = 64
+"""So many samples prove of most submissions that none is a copy of the other, scaled and shifted."""
+ROUNDING = 1e-3
+"""Metres: more than what 32 bits round off a fingerprint."""
 
 
 @dataclass(frozen=True)
@@ -67,6 +72,11 @@ class AlikeRule:
     mean_distance: float | None
     probe_share: float = 0.9
     may_be_scaled: bool = False
+
+    @property
+    def least_share(self) -> float:
+        """The smallest share of samples alike that makes submissions alike, or the later a probe."""
+        return min(self.equal_share, self.probe_share)
 
     def is_alike(self, found: Alikeness, slack: float = 0.0) -> bool:
         """Whether submissions of two teams are to be reported."""
@@ -137,6 +147,25 @@ def alikeness(
     return [Alikeness(*map(float, row)) for row in zip(*columns, strict=True)]
 
 
+def may_be_alike(
+    a: NDArray[np.floating], others: NDArray[np.floating], rule: AlikeRule, slack: float
+) -> BoolArray:
+    """Whether a first look leaves it open that a submission is like each of K others, (K,).
+
+    Most are so far from each other that the rest of the samples could not make up for the first ones.
+    """
+    n_samples, n_first = len(a), min(len(a), FIRST_LOOK)
+    least_share = rule.least_share - slack
+    apart = distances(a[None, :n_first], others[:, :n_first])
+    n_alike = (apart <= rule.tolerance + ROUNDING).sum(axis=-1) + n_samples - n_first
+    may = n_alike >= least_share * n_samples - ROUNDING
+    if rule.mean_distance is not None:
+        may |= apart.sum(axis=-1) <= (rule.mean_distance + slack + ROUNDING) * n_samples
+    if rule.may_be_scaled:
+        may |= _may_align(a, others, rule, least_share)
+    return np.asarray(may)
+
+
 def _share(apart: FloatArray, rule: AlikeRule) -> FloatArray:
     return np.asarray((apart <= rule.tolerance + 1e-9).mean(axis=-1))
 
@@ -153,6 +182,34 @@ def _scales(a: NDArray[np.floating], others: NDArray[np.floating]) -> FloatArray
     middle = np.maximum(n_known[:, None] - [1, 0], 0) // 2
     scales = np.take_along_axis(ratio, middle, axis=-1).mean(axis=-1)
     return np.where((scales >= LEAST_SCALE) & (scales <= 1 / LEAST_SCALE), scales, 1.0)
+
+
+def _may_align(
+    a: NDArray[np.floating],
+    others: NDArray[np.floating],
+    rule: AlikeRule,
+    share: float,
+) -> BoolArray:
+    """Whether so large a share of samples may be alike once scaled and shifted, (K,).
+
+    Samples that are alike have been moved alike, by their points on average. Where too few of the first
+    ones have, along some coordinate, the rest cannot make up for it.
+    """
+    n_samples, n_first = len(a), min(len(a), FIRST_LOOK)
+    first = others[:, :n_first]
+    scales = _scales(a, others)[:, None, None, None].astype(a.dtype)
+    gaps = first - a[None, :n_first] * scales
+    moved = _sum(gaps.transpose(0, 3, 1, 2)) / gaps.shape[-2]  # (K, C, n)
+    n_needed = np.full(len(others), n_first - math.floor((1 - share) * n_samples + 1e-9))
+    if np.isnan(moved).any():  # missing in both: alike, however moved
+        n_needed -= (_is_missing(a[None, :n_first]) & _is_missing(first)).sum(axis=-1)
+    moved.sort(axis=-1)  # those that are missing last
+    begin = np.arange(n_first)
+    end = np.minimum(begin + n_needed[:, None] - 1, n_first - 1)  # (K, n)
+    spread = np.take_along_axis(moved, np.maximum(end, begin)[:, None], axis=-1) - moved
+    is_whole = (begin + n_needed[:, None] <= n_first)[:, None]
+    fits = ((spread <= 2 * rule.tolerance + ROUNDING) & is_whole).any(axis=-1).all(axis=-1)
+    return np.asarray(fits | (n_needed <= 0))
 
 
 def _moved(

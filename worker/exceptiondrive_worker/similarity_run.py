@@ -7,6 +7,7 @@ a score goes into them.
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import compress
 
 import numpy as np
 import structlog
@@ -25,6 +26,7 @@ from exceptiondrive_scoring.similarity import (
     alikeness,
     compare_pair,
     fingerprinted_samples,
+    may_be_alike,
 )
 from exceptiondrive_worker.context import WorkerContext
 from exceptiondrive_worker.splits.private_store import Shelf, content_key
@@ -178,8 +180,10 @@ class _Comparing:
         others: list[Candidate] = []
         for start in range(0, len(compared), AT_ONCE):
             files, fingerprints = zip(*compared[start : start + AT_ONCE], strict=True)
-            found = alikeness(fingerprint, np.stack(fingerprints), self._rule)
-            for each, by_fingerprint in zip(files, found, strict=True):
+            some = np.stack(fingerprints)
+            may = may_be_alike(fingerprint, some, self._rule, SLACK)
+            found = alikeness(fingerprint, some[may], self._rule)
+            for each, by_fingerprint in zip(compress(files, may), found, strict=True):
                 is_own = each.team_id == file.team_id
                 rule = self._rule.is_probe if is_own else self._rule.is_alike
                 if rule(by_fingerprint, SLACK):
