@@ -6,6 +6,7 @@ from tests.phases.life import CAREFUL, PRIVATE_ONLY, PUBLIC_ONLY
 from tests.phases.test_page import text_of
 
 from exceptiondrive_records.protocols.protocols import add_protocol
+from exceptiondrive_schemas.base import bytes_digest
 from exceptiondrive_schemas.protocol import packaged_protocol_toml
 
 if TYPE_CHECKING:
@@ -41,6 +42,8 @@ def test_a_report_comes_with_the_end_and_tells_what_the_boards_tell(life: "Life"
     report, boards = life.json(REPORT), boards_of(life)
     final = boards[-1]
     assert (report["board"], report["n_samples"], report["part"]) == (final["board"], 3, "private")
+    served = life.get(f"/api/v1/boards/test/{final['board']}").content
+    assert report["board_digest"] == bytes_digest(served), "a draft is published when it is shown"
     by_id = {entry["submission_id"]: entry for entry in final["entries"]}
     assert report["n_boards"] == len({board["board"] for board in boards})
     assert f'<a href="/history?phase=test">{report["n_boards"]} boards</a>' in life.get(PAGE).text
