@@ -60,6 +60,7 @@ def test_a_template_has_short_lines_and_one_block_a_line(path: Path) -> None:
         ("<b>a</b>\n{{ text }}\n<i>b</i>", "<b>a</b> {{ text }} <i>b</i>"),
         ('<a\n  href="{{ at(">") }}"\n  {% if x > 1 %}hidden{% endif %}\n>', '<a href="{{ at(">") }}" {% if x > 1 %}hidden{% endif %} >'),
         ("<pre>\n a\n <b>b</b>\n</pre>\n<p>", "<pre>\n a\n <b>b</b>\n</pre><p>"),
+        ("<b>a</b>\n{%- if x %}, b{% endif %}.", "<b>a</b>{%- if x %}, b{% endif %}."),
         ("{% macro a() %}\n  text\n{% endmacro %}\nmore", "{% macro a() %}text{% endmacro %}more"),
     ],
 )  # fmt: skip
