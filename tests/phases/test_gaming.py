@@ -113,8 +113,11 @@ def test_every_board_of_planners_shows_references_and_flags(watched: "Life", kin
     assert in_file[ids["reference"]]["source"] == "reference"
 
 
-def answers(strategy: str, sent_by: str) -> bytes:
-    predictions = [{"sample_id": key, "strategy": strategy} for key in "abcde"]
+def answers(strategy: str, sent_by: str, **reminder: bool) -> bytes:
+    """Return a file of one answer throughout, and of one record, where one is given."""
+    predictions = [
+        {"sample_id": key, "strategy": strategy, "reminder": reminder or None} for key in "abcde"
+    ]
     head = {"schema": "exceptiondrive.strategy/1", "split": "plain"}
     return (json.dumps({**head, "predictions": predictions}) + " " * len(sent_by)).encode()
 
@@ -159,7 +162,7 @@ def test_an_agent_with_a_reminder_is_linked_to_the_one_without_in_the_browser(
     token = re.search(r'name="form_token" value="([0-9a-f]{64})"', page)
     assert token is not None
     fields = {"form_token": token[1], "phase": "test", "method": "With"}
-    files = {"file": ("agent.json", answers("C", "alpha"))}
+    files = {"file": ("agent.json", answers("C", "alpha", hazard_present=True))}
     for linked_to, status in (("of-nobody", 404), (without.json()["id"], 303)):
         data = {**fields, "linked_to": linked_to}
         done = alpha.post("/submit", data=data, files=files, headers=HTML)
@@ -171,5 +174,7 @@ def test_an_agent_with_a_reminder_is_linked_to_the_one_without_in_the_browser(
     page = alpha.get(f"/submissions/{rows['With']['submission_id']}").text
     link = f'<a href="/submissions/{without.json()["id"]}">{without.json()["id"]}</a>'
     assert f"Without the reminder it is {link}; by the reminder Accuracy +" in page
+    lost = "What a reminder changed against it is then told no more."
+    assert lost not in page, "nothing is linked to one with records"
     page = alpha.get(f"/submissions/{without.json()['id']}").text
-    assert "What a reminder changed against it is then told no more." in page
+    assert lost in page

@@ -146,6 +146,8 @@ def test_organizers_see_a_hidden_phase_and_its_team_keeps_its_submission(
         assert answer.status_code == 200
         assert "Veiled title" in answer.text, address
     assert "Hidden: organizers alone see it" in organizer.get("/phases/veiled-phase").text
+    told = organizer.get("/organize/phases/veiled-phase").text
+    assert re.findall(r'class="badge st [^>]*>(\w+)<', told) == ["hidden"], "it has not closed"
     own = visitor(life, "alpha")
     assert own.get("/my").status_code == 200
     assert own.get(f"/submissions/{veiled['key']}").status_code == 200

@@ -12,6 +12,7 @@ from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.phases.phases import lock_phase
 from exceptiondrive_records.phases.scoring_keys import key_of_phase
 from exceptiondrive_records.protocols.protocols import add_protocol
+from exceptiondrive_schemas.base import bytes_digest
 from exceptiondrive_schemas.protocol import packaged_protocol_toml
 
 if TYPE_CHECKING:
@@ -47,6 +48,8 @@ def test_a_report_comes_with_the_end_and_tells_what_the_boards_tell(life: "Life"
     report, boards = life.json(REPORT), boards_of(life)
     final = boards[-1]
     assert (report["board"], report["n_samples"], report["part"]) == (final["board"], 3, "private")
+    served = life.get(f"/api/v1/boards/test/{final['board']}").content
+    assert report["board_digest"] == bytes_digest(served), "a draft is published when it is shown"
     by_id = {entry["submission_id"]: entry for entry in final["entries"]}
     assert report["n_boards"] == len({board["board"] for board in boards})
     assert f'<a href="/history?phase=test">{report["n_boards"]} boards</a>' in life.get(PAGE).text

@@ -89,6 +89,7 @@ def test_a_split_that_fits_is_said_to_fit(scored: "Life") -> None:
     organizer, page = visitor(scored, "organizer"), f"/organize/rescoring/{run['id']}"
     text = organizer.get(page).text
     assert "it can be scored" in text
+    assert "<code>organizer rescore begin</code>" in text
     assert "<dd>Test</dd>" in organizer.get(f"{page}/start").text
     scored.done(f"/rescoring/{run['id']}/start", {"reason": "go"})
     scored.work()

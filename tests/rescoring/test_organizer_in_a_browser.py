@@ -125,11 +125,14 @@ def test_a_walk_from_document_to_rollback(
     assert complaints == []
 
 
+EDGES = "(it) => [it.getBoundingClientRect().left, it.getBoundingClientRect().right]"
+
+
 def test_axe_finds_nothing_wrong_and_no_page_scrolls_sideways(
     stage: Stage, browser: Browser, site: str, make_protocol: Make
 ) -> None:
     looks: tuple[Look, ...] = ((1360, "light"), (390, "dark"))
-    run_id = stage.ready(make_protocol("1.1", *D_SAFE))
+    run_id = stage.ready(make_protocol("1.1-withheld.final", *D_SAFE))
     with stage.database.write() as session:
         register_team(session, "newcomers", "New Comers", "We are new.")
     page = signed_in(stage, browser, site, bypass_csp=True)
@@ -162,3 +165,7 @@ def test_axe_finds_nothing_wrong_and_no_page_scrolls_sideways(
             assert wider <= 0, f"{path} is {wider} px wider than {width} px"
             found = axe_violations(page) if (width, scheme) in looks else []
             assert [f"{one['id']}: {one['nodes'][0]['html'][:120]}" for one in found] == [], path
+        if path == f"{run}/preview":
+            titles = page.locator("svg.nar .t-ti").all()
+            left, right = (title.evaluate(EDGES) for title in titles)
+            assert left[1] <= right[0], "the titles run together"

@@ -218,8 +218,9 @@ def test_a_counterpart_that_may_not_be_shown_takes_the_effect_off_the_board(
     told = told_of(world, reminded)
     assert (told.reminder_effect, told.no_effect_because) == (effect, None)
     assert re.fullmatch(
-        rf"Without the reminder it is {plain}; by the reminder Accuracy \+[\d.]+ points, "
-        r"by the reminder Under-warning −[\d.]+ points\.",
+        rf"Without the reminder it is {plain}; by the reminder Accuracy \+[\d.]+ points "
+        r"\(better with the reminder\), by the reminder Under-warning −[\d.]+ points "
+        r"\(better with the reminder\)\.",
         link_words(told),
     )
     with world.database.write() as session:

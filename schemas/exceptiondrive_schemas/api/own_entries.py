@@ -74,9 +74,13 @@ def link_words(view: SubmissionView) -> str:
         return ""
     told = f"no effect is told: {view.no_effect_because}"
     if view.reminder_effect is not None and view.challenge in CHALLENGES:
-        challenge, changes = CHALLENGES[view.challenge], view.reminder_effect.by_metric
-        ranking = {each.metric: changes.get(each.metric) for each in challenge.primary_order}
-        told = ", ".join(effect_words(challenge, ranking))
+        challenge, differences = CHALLENGES[view.challenge], view.reminder_effect.differences
+        told = ", ".join(
+            f"{words} ({differences[each.metric].verdict})"
+            for each in challenge.primary_order
+            if each.metric in differences
+            for words in effect_words(challenge, {each.metric: differences[each.metric].difference})
+        )
     elif view.no_effect_because is None:
         told = "the effect is told while both are entries of the board"
     return f"Without the reminder it is {view.linked_to}; {told}."

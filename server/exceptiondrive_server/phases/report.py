@@ -13,6 +13,7 @@ from exceptiondrive_records.boards.boards import (
     find_board,
     last_shown_of_part,
     parsed_board,
+    served_body,
     was_shown,
 )
 from exceptiondrive_records.boards.tables import BoardEntryRow, BoardFlip, BoardRow
@@ -31,6 +32,7 @@ from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_schemas.api.phase_report import PhaseReport, PlaceChange, ShakeUp
 from exceptiondrive_schemas.api.submission import WAITING
+from exceptiondrive_schemas.base import bytes_digest
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_server.boards.entry_facts import challenge_of, is_listed
 from exceptiondrive_server.boards.queries import protocol_versions
@@ -93,7 +95,7 @@ def report_of(session: Session, phase: Phase) -> PhaseReport:
         opened_at=phase.opens_at,
         closed_at=phase.closes_at,
         board=board.board,
-        board_digest=row.body_digest,
+        board_digest=bytes_digest(served_body(row).encode()),
         published_at=board.published_at,
         split=board.split,
         part=board.part,

@@ -342,7 +342,7 @@ def _submission(
         actions=actions_of(seen, phase.policy, has_closed=ended, can_publish=is_publishing)
         if is_own
         else (),
-        counterpart=CHALLENGES[seen.challenge].counterpart,
+        may_be_linked=_may_be_linked(seen),
         can_withdraw=seen.status not in without_score,
         can_send_again=seen.status in (SubmissionStatus.REJECTED, SubmissionStatus.WITHDRAWN)
         and not (ended or seen.is_asked or seen.confirmed_as or seen.disqualified_at)

@@ -75,13 +75,13 @@ _WORDS = {
     ),
     "flag": Term(
         "Flag",
-        "A sign that the numbers of a row mean less than they say, such as a planner that only stands "
+        "A sign that the numbers of a row mean less than they say, such as one that always stands "
         "still. With most flags a row is never named as the best; with those that the protocol lists it takes "
         "no rank.",
     ),
     "reference": Term(
         "Reference rows",
-        "Yardsticks scored by the same code, such as a car that never moves. They take no rank.",
+        "Yardsticks scored by the same code, such as one that always stops. They take no rank.",
     ),
     "average": Term(
         "Two averages",
@@ -94,7 +94,7 @@ _WORDS = {
     ),
     "protocol": Term(
         "Protocol",
-        "The numbered set of rules and constants that turns trajectories into scores. It never changes; "
+        "The numbered set of rules and constants that turns files into scores. It never changes; "
         "a new one gets a new number, and old boards stay.",
     ),
     "paired": Term(

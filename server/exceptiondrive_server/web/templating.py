@@ -4,7 +4,7 @@ Line breaks show a reader the elements, and are not sent. The rules are those of
 Between two tags a line break is nothing; behind an opening and before a closing tag it is nothing;
 anywhere else, in running text, it is one space. A space that is to be seen between two tags stands
 between them on one line. A call, `{{ icon("up") }}` or `{% call %}`, writes markup and counts as a tag;
-`{% if %}` and its like are looked through.
+`{% if %}` and its like are looked through. No space stands before `{%-` and `{{-`.
 """
 
 import re
@@ -98,6 +98,8 @@ def _is_seen(tokens: list[tuple[str | None, str]], index: int) -> bool:
     """Whether a line break stands in running text."""
     before, after = tokens[index - 1] if index else None, _next_shown(tokens, index + 1)
     if before is None or after is None or before[0] == "statement" or after[0] == "closing":
+        return False
+    if tokens[index + 1][1].startswith(("{%-", "{{-")):
         return False
     is_behind_opening = before[0] == "tag" and not _VOID.match(before[1])
     return not is_behind_opening and not (before[0] in _MARKUP and after[0] in _MARKUP)

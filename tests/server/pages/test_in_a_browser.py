@@ -805,12 +805,23 @@ def test_every_number_stands_under_its_head_at_any_width(visit: Visit, path: str
         heads = page.evaluate(RIGHT_EDGES, "#board-rows thead tr:last-child")
         cells = page.evaluate(RIGHT_EDGES, "#board-rows tr[id]")
         assert heads == cells, f"{path} at {width} px"
+        if width > 1000:  # below, no line spans the cells
+            end, line, word = (page.evaluate(it) for it in (END_OF_HEAD, END_OF_LINE, FIRST_WORD))
+            assert abs(end - line) < 1, f"{path} at {width} px"
+            assert end <= word, f"{path} at {width} px"
         if width > 1240:  # below, the table scrolls in its own box under its head
             assert page.evaluate(FITS), f"{path} at {width} px"
 
 
 RIGHT_EDGES = """(rule) => [...document.querySelector(rule).children].filter((cell) => cell.offsetWidth)
   .map((cell) => Math.round(cell.getBoundingClientRect().right))"""
+END_OF_HEAD = """document.querySelector("#board-rows thead .wk text:last-child")
+  .getBoundingClientRect().right"""
+END_OF_LINE = (
+    """document.querySelector("#board-rows tbody .wk .w-ax").getBoundingClientRect().right"""
+)
+FIRST_WORD = """document.querySelector("#board-rows thead .wk").closest("th")
+  .querySelector(".s > span:not([class])").getBoundingClientRect().left"""
 FITS = """(() => { const box = document.querySelector(".scroll.b");
   return box.scrollWidth <= box.clientWidth; })()"""
 

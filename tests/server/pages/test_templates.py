@@ -67,6 +67,7 @@ def test_a_text_that_the_keyboard_reaches_has_a_role_for_its_name(path: Path) ->
         ("<b>a</b>\n{{ text }}\n<i>b</i>", "<b>a</b> {{ text }} <i>b</i>"),
         ('<a\n  href="{{ at(">") }}"\n  {% if x > 1 %}hidden{% endif %}\n>', '<a href="{{ at(">") }}" {% if x > 1 %}hidden{% endif %} >'),
         ("<pre>\n a\n <b>b</b>\n</pre>\n<p>", "<pre>\n a\n <b>b</b>\n</pre><p>"),
+        ("<b>a</b>\n{%- if x %}, b{% endif %}.", "<b>a</b>{%- if x %}, b{% endif %}."),
         ("{% macro a() %}\n  text\n{% endmacro %}\nmore", "{% macro a() %}text{% endmacro %}more"),
     ],
 )  # fmt: skip
