@@ -14,7 +14,7 @@ from fastapi.responses import PlainTextResponse, StreamingResponse
 from starlette.testclient import TestClient
 from tests.canary.plugin import pytest_runtest_logreport
 from tests.canary.values import CANARY_M, PATTERN, spellings
-from tests.canary.watch import WATCH, Watch, look_in_postgres
+from tests.canary.watch import WATCH, Watch
 
 if TYPE_CHECKING:
     from tests.support.broker import PrivateBroker
@@ -97,14 +97,14 @@ def test_a_leak_in_a_job_payload_is_found(broker: "PrivateBroker") -> None:
 def test_a_leak_in_a_row_is_found(postgres: "Postgres") -> None:
     name = postgres.create("migrated")
     address = postgres.uri.replace("/postgres?", f"/{name}?")
-    with WATCH.planted() as found, psycopg.connect(address) as connection:
-        connection.execute(
-            "INSERT INTO teams (slug, name, affiliation, name_skeleton, is_reference, created_at) "
-            "VALUES (%s, %s, '', 'x', false, now())",
-            ("x", f"Team {CANARY}"),
-        )
-        look_in_postgres(connection)
-    postgres.drop(name)
+    with WATCH.planted() as found:
+        with psycopg.connect(address) as connection:
+            connection.execute(
+                "INSERT INTO teams (slug, name, affiliation, name_skeleton, is_reference, created_at) "
+                "VALUES (%s, %s, '', 'x', false, now())",
+                ("x", f"Team {CANARY}"),
+            )
+        postgres.drop(name)
     assert [line.split()[:2] for line in found] == [["database", "teams:"]]
 
 

@@ -149,6 +149,7 @@ class BrokerWatch:
 def look_in_postgres(connection: Any, watch: Watch = WATCH) -> None:
     """Search all rows of all tables of a database, as the server's role could read them."""
     query = "SELECT tablename FROM pg_tables WHERE schemaname = 'public'"
-    for (table,) in connection.execute(query).fetchall():
-        for (row,) in connection.execute(f'SELECT t::text FROM "{table}" t').fetchall():
-            watch.look("database", row, table)
+    tables = [table for (table,) in connection.execute(query).fetchall()]
+    rows = " UNION ALL ".join(f"SELECT '{table}', t::text FROM \"{table}\" t" for table in tables)
+    for table, row in connection.execute(rows).fetchall() if tables else []:
+        watch.look("database", row, table)

@@ -48,15 +48,14 @@ def life(
 
     name, go_on = beginning
 
-    def begin() -> dict[str, str]:
+    def begin() -> tuple[dict[str, str], Any]:
         with made.database.write() as session:
             made.tokens = found(session, TEAMS).tokens
         made.add_split(split_of(SAMPLES, "parted"))
         made.add_split(split_of({k: (t, m, None) for k, (t, m, _) in SAMPLES.items()}, "plain"))
-        go_on(made)
-        return made.tokens
+        return made.tokens, go_on(made)
 
-    made.tokens = snapshots.fill(name, database_url, tmp_path, begin)
+    made.tokens, made.begun = snapshots.fill(name, database_url, tmp_path, begin)
     yield made
     made.context.close()
     app.state.services.close()

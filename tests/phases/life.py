@@ -67,6 +67,8 @@ class Life:
     server: ServerSettings
     client: TestClient
     tokens: dict[str, str] = field(default_factory=dict)
+    begun: Any = None
+    """What the beginning returned."""
 
     @property
     def database(self) -> Database:
@@ -203,5 +205,5 @@ class Life:
         return done
 
 
-Beginning = tuple[str, Callable[[Life], None]]
+Beginning = tuple[str, Callable[[Life], Any]]
 """A name, and what makes it out of three teams."""

@@ -18,7 +18,7 @@ from exceptiondrive_server.web import kept_pages
 from exceptiondrive_server.web.kept_pages import KeptPages
 
 if TYPE_CHECKING:
-    from tests.phases.life import Life
+    from tests.phases.life import Beginning, Life
 
 BOARD = "/?phase=test"
 ADDRESSES = (
@@ -76,12 +76,21 @@ DEEDS: dict[str, Deed] = {
 
 
 @pytest.fixture
-def boarded(life: "Life") -> dict[str, str]:
-    """A phase with one entry of each of two teams."""
+def beginning() -> "Beginning":
+    return "boarded", put_on_a_board
+
+
+def put_on_a_board(life: "Life") -> dict[str, str]:
     life.make_phase(split="plain")
     ids = {who: life.submit(who, speed, "Net", "plain") for who, speed in _SPEEDS.items()}
     life.work()
     return ids
+
+
+@pytest.fixture
+def boarded(life: "Life") -> dict[str, str]:
+    """A phase with one entry of each of two teams."""
+    return dict(life.begun)
 
 
 _SPEEDS = {"alpha": 1.0, "beta": 9.0}

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 from tests.phases.browsing import visitor
-from tests.phases.life import SAMPLES, Life, split_of
+from tests.phases.life import SAMPLES, Beginning, Life, split_of
 from tests.support.work import claim_board_of, let_time_pass
 from tests.support.worker import due_jobs, score_submission
 from typer.testing import CliRunner
@@ -60,7 +60,11 @@ def say_alive(life: Life, store: SplitStore, lanes: tuple[Lane, ...] = BOTH) -> 
 
 
 @pytest.fixture
-def store(life: Life) -> SplitStore:
+def beginning() -> Beginning:
+    return "driven", open_driven
+
+
+def open_driven(life: Life) -> None:
     recorded = split_of({k: (t, m, None) for k, (t, m, _) in SAMPLES.items()}, "driven")
     path = tuple((2.0 * step, 0.0) for step in range(1, 7))
     samples = tuple(one.model_copy(update={"recorded": path}) for one in recorded.samples)
@@ -68,6 +72,10 @@ def store(life: Life) -> SplitStore:
     life.make_phase("driven", split="driven", policy={"live_part": "whole"})
     with life.database.write() as session:
         take_lead(session, "reconciler", "somebody", 86_400)
+
+
+@pytest.fixture
+def store(life: Life) -> SplitStore:
     return SplitStore(life.worker.splits_dir)
 
 

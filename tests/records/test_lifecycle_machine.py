@@ -21,7 +21,7 @@ from hypothesis.stateful import (
 )
 from sqlalchemy import func, select
 from tests.records.world import build_world
-from tests.support.work import let_time_pass
+from tests.support.work import is_job, let_time_pass
 
 from exceptiondrive_records.audit.log import verify_audit
 from exceptiondrive_records.audit.tables import AuditLine
@@ -125,7 +125,7 @@ class Lifecycle(RuleBasedStateMachine):
             self.take(None)
 
     def take(self, job_id: str | None) -> None:
-        which = () if job_id is None else (Job.id == job_id,)
+        which = () if job_id is None else (is_job(job_id),)
         with self.database.write() as session:
             claim = jobs.claim_job(session, Lane.LIVE, 120, MAX_ATTEMPTS, *which)
         if claim is not None:

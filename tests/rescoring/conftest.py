@@ -29,17 +29,29 @@ def stage(database_url: str, tmp_path: Path, snapshots: Snapshots) -> Iterator[S
 
     def three_planners() -> list[str]:
         with open_stage(database_url, tmp_path) as made:
-            made.open_phase("planning")
-            for speed_mps, method, team in ((1.0, "slow", "alpha"), (2.0, "middle", "alpha")):
-                made.submit(speed_mps, method, team)
-            made.submit(6.0, "fast", "beta")
-            made.work()
+            made.put_planners()
             return made.submitted
 
     submitted = snapshots.fill("three planners", database_url, tmp_path, three_planners)
     with open_stage(database_url, tmp_path) as made:
         made.submitted = submitted
         yield made
+
+
+@pytest.fixture
+def ready(database_url: str, tmp_path: Path, snapshots: Snapshots) -> Iterator[tuple[Stage, str]]:
+    """The same, and a run to a protocol of a larger clearance, which may be applied."""
+
+    def ready_run() -> tuple[list[str], str]:
+        with open_stage(database_url, tmp_path) as made:
+            made.put_planners()
+            run_id = made.ready(new_protocol("1.1", "d_safe_m = 2.0", "d_safe_m = 4.5"))
+            return made.submitted, run_id
+
+    submitted, run_id = snapshots.fill("ready run", database_url, tmp_path, ready_run)
+    with open_stage(database_url, tmp_path) as made:
+        made.submitted = submitted
+        yield made, run_id
 
 
 @pytest.fixture

@@ -65,6 +65,14 @@ class Stage:
                 rejected_per_day=1000,
             )
 
+    def put_planners(self) -> None:
+        """Score and rank three planners of two teams."""
+        self.open_phase("planning")
+        for speed_mps, method, team in ((1.0, "slow", "alpha"), (2.0, "middle", "alpha")):
+            self.submit(speed_mps, method, team)
+        self.submit(6.0, "fast", "beta")
+        self.work()
+
     def submit(self, speed_mps: float, method: str, team: str = "alpha") -> str:
         return self.submit_file(planning_file(speed_mps), method, team)
 

@@ -21,6 +21,7 @@ from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_worker.boards.run import build_next_board
 
 Stage = Any
+Ready = tuple[Stage, str]
 Make = Callable[..., str]
 pytestmark = pytest.mark.parametrize("database_url", ["sqlite"], indirect=True)
 D_SAFE = ("d_safe_m = 2.0", "d_safe_m = 4.5")
@@ -97,10 +98,8 @@ def fail(stage: Stage) -> str:
 
 
 @pytest.mark.parametrize("state", ["ready", "applied"])
-def test_a_sheet_that_fails_late_is_named_and_can_be_tried_again(
-    stage: Stage, make_protocol: Make, state: str
-) -> None:
-    run_id = stage.ready(make_protocol("1.1", *D_SAFE))
+def test_a_sheet_that_fails_late_is_named_and_can_be_tried_again(ready: Ready, state: str) -> None:
+    stage, run_id = ready
     if state == "applied":
         stage.apply(run_id)
     assert "can be resumed only while" in refused(lambda: stage.step("resume", run_id))
@@ -149,10 +148,8 @@ def test_each_refusal_says_the_state_and_what_is_possible(
     assert not stage.preview(run_id).is_stale  # nothing newer will come
 
 
-def test_a_frozen_board_is_neither_applied_nor_rolled_back(
-    stage: Stage, make_protocol: Make
-) -> None:
-    run_id = stage.ready(make_protocol("1.1", *D_SAFE))
+def test_a_frozen_board_is_neither_applied_nor_rolled_back(ready: Ready) -> None:
+    stage, run_id = ready
     stage.apply(run_id)
     again = stage.preview(run_id).digest
     with stage.database.write() as session:

@@ -29,13 +29,14 @@ from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_worker import work
 
 Stage = Any
+Ready = tuple[Stage, str]
 D_SAFE = ("d_safe_m = 2.0", "d_safe_m = 4.5")
 
 
 def test_boards_are_compared_before_the_transaction_and_not_in_it(
-    stage: Stage, make_protocol: Callable[..., str], monkeypatch: pytest.MonkeyPatch
+    ready: Ready, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    run_id = stage.ready(make_protocol("1.1", *D_SAFE))
+    stage, run_id = ready
     preview = stage.preview(run_id).digest
     compare = Mock(wraps=comparison.compare_boards)
     monkeypatch.setattr(comparison, "compare_boards", compare)
@@ -49,10 +50,8 @@ def test_boards_are_compared_before_the_transaction_and_not_in_it(
     assert made == [1, 1, 2, 2]
 
 
-def test_what_was_worked_out_does_not_hide_what_came_since(
-    stage: Stage, make_protocol: Callable[..., str]
-) -> None:
-    run_id = stage.ready(make_protocol("1.1", *D_SAFE))
+def test_what_was_worked_out_does_not_hide_what_came_since(ready: Ready) -> None:
+    stage, run_id = ready
     preview = stage.preview(run_id).digest
     flip.work_out(stage.database, run_id)
     stage.submit(3.0, "newcomer")
@@ -61,10 +60,8 @@ def test_what_was_worked_out_does_not_hide_what_came_since(
         stage.apply(run_id, preview)
 
 
-def test_the_board_of_a_draft_is_built_behind_the_live_ones(
-    stage: Stage, make_protocol: Callable[..., str]
-) -> None:
-    run_id = stage.ready(make_protocol("1.1", *D_SAFE))
+def test_the_board_of_a_draft_is_built_behind_the_live_ones(ready: Ready) -> None:
+    stage, run_id = ready
     draft = stage.view(run_id).to_protocol.digest
     with stage.database.write() as session:
         shown = session.get_one(Phase, "dev").protocol_digest
@@ -76,11 +73,9 @@ def test_the_board_of_a_draft_is_built_behind_the_live_ones(
     assert lanes == {shown: Lane.LIVE, draft: Lane.RESCORE}
 
 
-def test_a_board_that_is_shown_says_where_each_stood_on_the_one_before_it(
-    stage: Stage, make_protocol: Callable[..., str]
-) -> None:
+def test_a_board_that_is_shown_says_where_each_stood_on_the_one_before_it(ready: Ready) -> None:
     """Also where it was built before that one, as by one worker while another is late."""
-    run_id = stage.ready(make_protocol("1.1", *D_SAFE))
+    stage, run_id = ready
     stage.apply(run_id)
     stage.submit(3.0, "newcomer", "beta")
     for job_id in due_jobs(stage.database):
@@ -100,12 +95,9 @@ def test_a_board_that_is_shown_says_where_each_stood_on_the_one_before_it(
 
 @pytest.mark.parametrize("flips", ["apply", "rollback"])
 def test_a_flip_that_breaks_off_at_its_last_step_changes_nothing(
-    stage: Stage,
-    make_protocol: Callable[..., str],
-    monkeypatch: pytest.MonkeyPatch,
-    flips: str,
+    ready: Ready, monkeypatch: pytest.MonkeyPatch, flips: str
 ) -> None:
-    run_id = stage.ready(make_protocol("1.1", *D_SAFE))
+    stage, run_id = ready
     if flips == "rollback":
         stage.apply(run_id)
     before = everything_shown(stage, run_id)
@@ -158,10 +150,8 @@ def test_the_background_waits_while_other_workers_have_live_work(
     waiting.join()
 
 
-def test_a_lost_job_of_the_earlier_protocol_is_made_again_after_apply(
-    stage: Stage, make_protocol: Callable[..., str]
-) -> None:
-    run_id = stage.ready(make_protocol("1.1", *D_SAFE))
+def test_a_lost_job_of_the_earlier_protocol_is_made_again_after_apply(ready: Ready) -> None:
+    stage, run_id = ready
     stage.apply(run_id)
     after = stage.submit(3.5, "after")
     with stage.database.write() as session:  # as from a backup
@@ -173,10 +163,8 @@ def test_a_lost_job_of_the_earlier_protocol_is_made_again_after_apply(
         assert len(session.scalars(kept).all()) == 2
 
 
-def test_a_sheet_whose_job_is_gone_is_not_made_again(
-    stage: Stage, make_protocol: Callable[..., str]
-) -> None:
-    run_id = stage.ready(make_protocol("1.1", *D_SAFE))
+def test_a_sheet_whose_job_is_gone_is_not_made_again(ready: Ready) -> None:
+    stage, run_id = ready
     stage.step("cancel", run_id)
     with stage.database.write() as session:
         session.execute(delete(Job).where(Job.is_first.is_(False)))

@@ -20,6 +20,7 @@ from exceptiondrive_records.work.tables import Job
 from exceptiondrive_schemas.api.submission import SubmissionStatus
 
 Stage = Any
+Ready = tuple[Stage, str]
 D_SAFE = ("d_safe_m = 2.0", "d_safe_m = 4.5")
 
 
@@ -31,9 +32,9 @@ def whole(stage: Stage) -> bool:
 @POSTGRES_ALONE
 @pytest.mark.parametrize(("flips", "n_sheets"), [("apply", 2), ("rollback", 1)])
 def test_an_upload_that_waits_for_its_team_during_a_flip_is_scored_as_after_it_and_shown(
-    stage: Stage, make_protocol: Callable[..., str], flips: str, n_sheets: int
+    ready: Ready, flips: str, n_sheets: int
 ) -> None:
-    run_id = stage.ready(make_protocol("1.1", *D_SAFE))
+    stage, run_id = ready
     with stage.database.write() as session:
         gamma = create_team(session, "gamma", "Gamma", actor="test").id
     if flips == "rollback":
@@ -54,10 +55,8 @@ def test_an_upload_that_waits_for_its_team_during_a_flip_is_scored_as_after_it_a
 
 
 @POSTGRES_ALONE
-def test_what_is_withdrawn_while_an_update_is_applied_waits_for_it(
-    stage: Stage, make_protocol: Callable[..., str]
-) -> None:
-    run_id = stage.ready(make_protocol("1.1", *D_SAFE))
+def test_what_is_withdrawn_while_an_update_is_applied_waits_for_it(ready: Ready) -> None:
+    stage, run_id = ready
     preview = stage.preview(run_id).digest
     fresh = stage.submit(3.0, "fresh")
     with stage.owner.write() as session:  # the flip changes the earlier protocol's job first

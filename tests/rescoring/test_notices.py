@@ -47,6 +47,7 @@ from exceptiondrive_records.work.lease import new_item
 from exceptiondrive_records.work.tables import WorkState
 
 Stage = Any
+Ready = tuple[Stage, str]
 D_SAFE = ("d_safe_m = 2.0", "d_safe_m = 4.5")
 
 
@@ -127,8 +128,9 @@ def settings(**values: Any) -> NoticeSettings:
     return NoticeSettings(**{"public_url": "https://board.example", **values})
 
 
-def told(stage: Stage, make_protocol: Callable[..., str], channel: Channel, address: str) -> str:
-    """Apply an update after team Alpha gave an address; return the webhook's secret."""
+def told(ready: Ready, channel: Channel, address: str) -> str:
+    """Apply an update that may be applied, after team Alpha gave an address; return the webhook's secret."""
+    stage, run_id = ready
     with stage.database.write() as session:
         contact = add_contact(
             session,
@@ -142,7 +144,7 @@ def told(stage: Stage, make_protocol: Callable[..., str], channel: Channel, addr
             confirm_contact(session, contact.id, contact.secret or "")
     with stage.owner.write() as session:
         session.execute(delete(Delivery))  # it asked already
-    stage.apply(stage.ready(make_protocol("1.1", *D_SAFE)))
+    stage.apply(run_id)
     return contact.secret or ""
 
 
@@ -153,9 +155,10 @@ def delivery(stage: Stage) -> Delivery:
 
 
 def test_a_webhook_is_signed_over_time_and_body_and_sent_once(
-    stage: Stage, make_protocol: Callable[..., str], receiver: Receiver
+    ready: Ready, receiver: Receiver
 ) -> None:
-    secret = told(stage, make_protocol, Channel.WEBHOOK, receiver.url)
+    stage, _ = ready
+    secret = told(ready, Channel.WEBHOOK, receiver.url)
     assert send_next(stage.database, settings())
     assert not send_next(stage.database, settings())
     ((headers, body),) = receiver.received
@@ -170,10 +173,11 @@ def test_a_webhook_is_signed_over_time_and_body_and_sent_once(
 
 @pytest.mark.parametrize("status", [429, 500, 503])
 def test_a_webhook_that_stumbles_is_tried_again(
-    stage: Stage, make_protocol: Callable[..., str], receiver: Receiver, status: int
+    ready: Ready, receiver: Receiver, status: int
 ) -> None:
+    stage, _ = ready
     receiver.answers = [status, 204]
-    told(stage, make_protocol, Channel.WEBHOOK, receiver.url)
+    told(ready, Channel.WEBHOOK, receiver.url)
     send_next(stage.database, settings())
     assert len(receiver.received) == 2
     assert delivery(stage).outcome.value == "sent"
@@ -189,10 +193,11 @@ def test_no_log_line_tells_the_address_of_a_webhook(receiver: Receiver) -> None:
 
 
 def test_a_webhook_that_refuses_waits_in_the_outbox_and_is_given_up_in_the_end(
-    stage: Stage, make_protocol: Callable[..., str], receiver: Receiver
+    ready: Ready, receiver: Receiver
 ) -> None:
+    stage, _ = ready
     receiver.answers = [400, 302]
-    told(stage, make_protocol, Channel.WEBHOOK, receiver.url)
+    told(ready, Channel.WEBHOOK, receiver.url)
     patience = settings(delivery_attempts=2, delivery_backoff_s=0.001)
     send_next(stage.database, patience)
     assert delivery(stage).note == "the webhook answered 400"
@@ -205,10 +210,11 @@ def test_a_webhook_that_refuses_waits_in_the_outbox_and_is_given_up_in_the_end(
 
 @pytest.mark.parametrize("database_url", ["sqlite"], indirect=True)
 def test_where_no_attempt_is_allowed_nothing_is_sent_and_all_of_it_waits(
-    stage: Stage, make_protocol: Callable[..., str], receiver: Receiver
+    ready: Ready, receiver: Receiver
 ) -> None:
     """As in the drill of a restore: its teams are real."""
-    told(stage, make_protocol, Channel.WEBHOOK, receiver.url)
+    stage, _ = ready
+    told(ready, Channel.WEBHOOK, receiver.url)
     run_outbox(stage.database, settings(delivery_attempts=0), threading.Event())
     assert receiver.received == []
     assert delivery(stage).outcome.value == "waiting"
@@ -217,11 +223,10 @@ def test_where_no_attempt_is_allowed_nothing_is_sent_and_all_of_it_waits(
 
 
 @pytest.mark.parametrize("database_url", ["sqlite"], indirect=True)
-def test_the_statement_that_claims_a_message_is_made_once(
-    stage: Stage, make_protocol: Callable[..., str], receiver: Receiver
-) -> None:
+def test_the_statement_that_claims_a_message_is_made_once(ready: Ready, receiver: Receiver) -> None:
+    stage, _ = ready
     receiver.answers = [400, 400, 204]
-    told(stage, make_protocol, Channel.WEBHOOK, receiver.url)
+    told(ready, Channel.WEBHOOK, receiver.url)
     made = []
     while delivery(stage).outcome.value != "sent":
         if send_next(stage.database, settings(delivery_backoff_s=0.001)):
@@ -230,12 +235,12 @@ def test_the_statement_that_claims_a_message_is_made_once(
 
 
 def test_a_message_whose_sender_dies_each_time_is_given_up(
-    stage: Stage,
-    make_protocol: Callable[..., str],
+    ready: Ready,
     receiver: Receiver,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    told(stage, make_protocol, Channel.WEBHOOK, receiver.url)
+    stage, _ = ready
+    told(ready, Channel.WEBHOOK, receiver.url)
     patience = settings(delivery_attempts=2)
 
     def die(*_: Any) -> None:
@@ -254,10 +259,9 @@ def test_a_message_whose_sender_dies_each_time_is_given_up(
 
 
 @pytest.mark.parametrize("database_url", ["sqlite"], indirect=True)
-def test_nothing_goes_to_an_address_that_was_removed(
-    stage: Stage, make_protocol: Callable[..., str], receiver: Receiver
-) -> None:
-    told(stage, make_protocol, Channel.WEBHOOK, receiver.url)
+def test_nothing_goes_to_an_address_that_was_removed(ready: Ready, receiver: Receiver) -> None:
+    stage, _ = ready
+    told(ready, Channel.WEBHOOK, receiver.url)
     with stage.database.write() as session:
         team_id = find_team(session, "alpha").id
         removed = delivery(stage).contact_id
@@ -271,9 +275,10 @@ def test_nothing_goes_to_an_address_that_was_removed(
 
 @pytest.mark.parametrize("database_url", ["sqlite"], indirect=True)
 def test_an_address_that_cannot_be_called_keeps_no_other_message_waiting(
-    stage: Stage, make_protocol: Callable[..., str], receiver: Receiver
+    ready: Ready, receiver: Receiver
 ) -> None:
-    told(stage, make_protocol, Channel.WEBHOOK, receiver.url)
+    stage, _ = ready
+    told(ready, Channel.WEBHOOK, receiver.url)
     with stage.database.write() as session:  # as an earlier release would have kept it
         held = session.scalars(select(Delivery)).one()
         team_id = find_team(session, "alpha").id
@@ -296,9 +301,10 @@ def test_an_address_that_cannot_be_called_keeps_no_other_message_waiting(
 
 
 def test_a_team_whose_webhook_is_slow_keeps_no_other_team_waiting(
-    stage: Stage, make_protocol: Callable[..., str], receiver: Receiver
+    ready: Ready, receiver: Receiver
 ) -> None:
-    told(stage, make_protocol, Channel.WEBHOOK, receiver.url)
+    stage, _ = ready
+    told(ready, Channel.WEBHOOK, receiver.url)
     with stage.database.write() as session:
         first = session.scalars(select(Delivery)).one()
         beta = find_team(session, "beta").id
@@ -420,7 +426,8 @@ def test_an_e_mail_says_what_the_board_shows_before_and_after(
     even_stage: Stage, make_protocol: Callable[..., str], mailbox: tuple[Mailbox, int]
 ) -> None:
     kept, port = mailbox
-    told(even_stage, make_protocol, Channel.EMAIL, "alpha@example.org")
+    run_id = even_stage.ready(make_protocol("1.1", *D_SAFE))
+    told((even_stage, run_id), Channel.EMAIL, "alpha@example.org")
     smtp = settings(smtp_host="127.0.0.1", smtp_port=port, smtp_security="none")
     assert send_next(even_stage.database, smtp)
     ((to, text),) = kept.messages
@@ -451,30 +458,31 @@ def test_an_e_mail_says_what_the_board_shows_before_and_after(
 
 
 def test_a_mail_that_was_taken_is_not_sent_again_whatever_is_answered_to_quit(
-    stage: Stage, make_protocol: Callable[..., str], mailbox: tuple[Mailbox, int]
+    ready: Ready, mailbox: tuple[Mailbox, int]
 ) -> None:
+    stage, _ = ready
     kept, port = mailbox
     kept.answer_to_quit = "421 too many connections"
-    told(stage, make_protocol, Channel.EMAIL, "alpha@example.org")
+    told(ready, Channel.EMAIL, "alpha@example.org")
     smtp = settings(smtp_host="127.0.0.1", smtp_port=port, smtp_security="none")
     assert send_next(stage.database, smtp)
     assert (delivery(stage).state, len(kept.messages)) == (WorkState.DONE, 1)
 
 
 @pytest.mark.parametrize("host", [{}, {"smtp_host": ""}])
-def test_without_a_mail_server_the_message_waits(
-    stage: Stage, make_protocol: Callable[..., str], host: dict[str, str]
-) -> None:
-    told(stage, make_protocol, Channel.EMAIL, "alpha@example.org")
+def test_without_a_mail_server_the_message_waits(ready: Ready, host: dict[str, str]) -> None:
+    stage, _ = ready
+    told(ready, Channel.EMAIL, "alpha@example.org")
     send_next(stage.database, settings(**host))
     assert "no SMTP server" in (delivery(stage).note or "")
 
 
 def test_operators_are_told_that_mail_may_not_go_out_until_one_does(
-    stage: Stage, make_protocol: Callable[..., str], mailbox: tuple[Mailbox, int]
+    ready: Ready, mailbox: tuple[Mailbox, int]
 ) -> None:
+    stage, _ = ready
     _, port = mailbox
-    told(stage, make_protocol, Channel.EMAIL, "alpha@example.org")
+    told(ready, Channel.EMAIL, "alpha@example.org")
 
     def try_with(smtp: NoticeSettings) -> list[str]:
         with stage.owner.write() as session:

@@ -33,6 +33,7 @@ from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.protocol import parse_protocol
 
 Stage = Any
+Ready = tuple[Stage, str]
 D_SAFE = ("d_safe_m = 2.0", "d_safe_m = 4.5")
 TAKE_LOAD_AWAY = "Give the workers more time, or take load away; then resume the run."
 MORE_MEMORY = "Give the workers more memory; then resume the run."
@@ -97,10 +98,8 @@ def test_apply_shows_the_previewed_board_and_rollback_the_exact_earlier_bytes(
     assert stage.view(run_id).state.value == "rolled_back"
 
 
-def test_a_second_run_to_the_same_protocol_makes_no_job(
-    stage: Stage, make_protocol: Callable[..., str]
-) -> None:
-    run_id = stage.ready(make_protocol("1.1", *D_SAFE))
+def test_a_second_run_to_the_same_protocol_makes_no_job(ready: Ready) -> None:
+    stage, run_id = ready
     stage.step("cancel", run_id)
     again = stage.draft(protocol="1.1")
     stage.step("start", again)
@@ -184,10 +183,8 @@ def test_a_failed_sheet_that_is_tried_again_waits_like_any_other(
     assert again.fence > claim.fence
 
 
-def test_a_preview_is_stale_once_a_submission_has_come(
-    stage: Stage, make_protocol: Callable[..., str]
-) -> None:
-    run_id = stage.ready(make_protocol("1.1", *D_SAFE))
+def test_a_preview_is_stale_once_a_submission_has_come(ready: Ready) -> None:
+    stage, run_id = ready
     seen = stage.preview(run_id).digest
     stage.submit(3.0, "newcomer")
     stage.work(2)
@@ -202,10 +199,8 @@ def test_a_preview_is_stale_once_a_submission_has_come(
     assert len(entries_of(stage)) == 4
 
 
-def test_what_an_applied_run_compared_names_no_team_that_was_forgotten(
-    stage: Stage, make_protocol: Callable[..., str]
-) -> None:
-    run_id = stage.ready(make_protocol("1.1", *D_SAFE))
+def test_what_an_applied_run_compared_names_no_team_that_was_forgotten(ready: Ready) -> None:
+    stage, run_id = ready
     stage.apply(run_id)
     with stage.database.write() as session:
         alias = forget_team(session, "alpha", reason="asked for", actor="test").name
@@ -222,10 +217,8 @@ def test_what_an_applied_run_compared_names_no_team_that_was_forgotten(
     assert "Alpha" not in stage.preview(run_id).model_dump_json()
 
 
-def test_submissions_during_and_after_apply_are_scored_under_both(
-    stage: Stage, make_protocol: Callable[..., str]
-) -> None:
-    run_id = stage.ready(make_protocol("1.1", *D_SAFE))
+def test_submissions_during_and_after_apply_are_scored_under_both(ready: Ready) -> None:
+    stage, run_id = ready
     during = stage.submit(3.0, "during")
     stage.work()
     stage.apply(run_id)
@@ -241,10 +234,8 @@ def test_submissions_during_and_after_apply_are_scored_under_both(
     assert {entry["method"] for entry in board["entries"]} >= {"during", "after"}
 
 
-def test_a_submission_that_waits_during_the_flip_is_scored_once_under_each(
-    stage: Stage, make_protocol: Callable[..., str]
-) -> None:
-    run_id = stage.ready(make_protocol("1.1", *D_SAFE))
+def test_a_submission_that_waits_during_the_flip_is_scored_once_under_each(ready: Ready) -> None:
+    stage, run_id = ready
     waiting = stage.submit(3.0, "waiting")
     stage.apply(run_id)
     stage.work()
@@ -258,10 +249,8 @@ def test_a_submission_that_waits_during_the_flip_is_scored_once_under_each(
     assert "waiting" in {entry["method"] for entry in json.loads(stage.board())["entries"]}
 
 
-def test_a_closed_run_scores_only_the_new_protocol_and_cannot_go_back(
-    stage: Stage, make_protocol: Callable[..., str]
-) -> None:
-    run_id = stage.ready(make_protocol("1.1", *D_SAFE))
+def test_a_closed_run_scores_only_the_new_protocol_and_cannot_go_back(ready: Ready) -> None:
+    stage, run_id = ready
     stage.apply(run_id)
     stage.step("close", run_id)
     before = sheets(stage)
@@ -389,10 +378,8 @@ def test_a_cancelled_run_leaves_the_board_and_no_waiting_job(
     assert stage.board() == before
 
 
-def test_what_is_scored_later_is_none_of_the_work_of_a_run_that_ended(
-    stage: Stage, make_protocol: Callable[..., str]
-) -> None:
-    run_id = stage.ready(make_protocol("1.1", *D_SAFE))
+def test_what_is_scored_later_is_none_of_the_work_of_a_run_that_ended(ready: Ready) -> None:
+    stage, run_id = ready
     stage.step("cancel", run_id)
     stage.submit(3.0, "later")
     stage.work()
@@ -483,10 +470,8 @@ def test_every_board_that_was_public_keeps_its_address_and_drafts_have_none(
     )
 
 
-def test_readers_see_wholly_the_old_or_wholly_the_new_board_during_the_flip(
-    stage: Stage, make_protocol: Callable[..., str]
-) -> None:
-    run_id = stage.ready(make_protocol("1.1", *D_SAFE))
+def test_readers_see_wholly_the_old_or_wholly_the_new_board_during_the_flip(ready: Ready) -> None:
+    stage, run_id = ready
     old, seen, stop = stage.board(), set(), threading.Event()
 
     def read() -> None:
@@ -507,10 +492,8 @@ def test_readers_see_wholly_the_old_or_wholly_the_new_board_during_the_flip(
     assert new in seen
 
 
-def test_every_step_is_in_the_audit_log_with_actor_and_reason(
-    stage: Stage, make_protocol: Callable[..., str]
-) -> None:
-    run_id = stage.ready(make_protocol("1.1", *D_SAFE))
+def test_every_step_is_in_the_audit_log_with_actor_and_reason(ready: Ready) -> None:
+    stage, run_id = ready
     stage.apply(run_id)
     stage.rollback(run_id)
     with stage.database.read() as session:

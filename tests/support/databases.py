@@ -1,6 +1,6 @@
 """A pytest plugin: real databases, migrated once and copied; SQLite, and a PostgreSQL of the tests.
 
-On PostgreSQL a test has a database of its own, emptied and renamed for the next: making and dropping
+On PostgreSQL a test has a database of its own, renamed, searched and emptied for the next: making and dropping
 one costs the server a fifth of a second of processor time, emptying one a hundredth. One whose schema
 a test has changed is dropped.
 """
@@ -61,6 +61,8 @@ class Postgres:
     """A running server."""
 
     uri: str
+    admin: "psycopg.Connection[tuple[str, ...]]"
+    """Makes, renames and drops databases; kept, as a connection is a process of the server."""
     _pristine: str = ""
     _empty: list[str] = field(default_factory=list)
     _copies: set[str] = field(default_factory=set)
@@ -70,25 +72,31 @@ class Postgres:
         if template == TEMPLATE and self._empty:
             return self._empty.pop()
         name = _new_name()
-        with psycopg.connect(self.uri, autocommit=True) as connection:
-            connection.execute(f'CREATE DATABASE "{name}" TEMPLATE "{template}"')
+        self.admin.execute(f'CREATE DATABASE "{name}" TEMPLATE "{template}"')
         if template == TEMPLATE:
             self._copies.add(name)
         return name
 
     def drop(self, name: str) -> None:
-        """Take a database back; who still knows its name finds nothing."""
-        if name in self._copies:
-            self._copies.remove(name)
-            new = _new_name()
-            if self._renamed(name, new):
-                name = new
-                if self._emptied(name):
-                    self._copies.add(name)
-                    self._empty.append(name)
-                    return
-        with psycopg.connect(self.uri, autocommit=True) as connection:
-            connection.execute(f'DROP DATABASE IF EXISTS "{name}" WITH (FORCE)')
+        """Search a database for what is withheld and take it back; who knows its name finds nothing."""
+        is_copy, new = name in self._copies, _new_name()
+        self._copies.discard(name)
+        try:
+            self._rename(name, new)
+        except psycopg.errors.InvalidCatalogName:  # dropped by its test
+            return
+        except psycopg.errors.ObjectInUse:  # somebody came in meanwhile
+            is_copy = False
+        else:
+            name = new
+        with psycopg.connect(self.address(name)) as connection:
+            look_in_postgres(connection)
+            is_empty = is_copy and self._emptied(connection)
+        if is_empty:
+            self._copies.add(name)
+            self._empty.append(name)
+        else:
+            self.admin.execute(f'DROP DATABASE IF EXISTS "{name}" WITH (FORCE)')
 
     def url(self, name: str) -> str:
         """Return the address of a database as the records take it."""
@@ -103,26 +111,20 @@ class Postgres:
         with psycopg.connect(self.address(TEMPLATE)) as connection:
             self._pristine = _shape(connection)
 
-    def _renamed(self, name: str, new: str) -> bool:
-        with psycopg.connect(self.uri, autocommit=True) as connection:
-            try:
-                connection.execute(
-                    "SELECT pg_terminate_backend(pid, 5000) FROM pg_stat_activity WHERE datname = %s",
-                    (name,),
-                )
-                connection.execute(f'ALTER DATABASE "{name}" RENAME TO "{new}"')
-            except psycopg.Error:  # dropped by its test, or somebody came in meanwhile
-                return False
-        return True
+    def _rename(self, name: str, new: str) -> None:
+        self.admin.execute(
+            "SELECT pg_terminate_backend(pid, 5000) FROM pg_stat_activity WHERE datname = %s",
+            (name,),
+        )
+        self.admin.execute(f'ALTER DATABASE "{name}" RENAME TO "{new}"')
 
-    def _emptied(self, name: str) -> bool:
-        with psycopg.connect(self.address(name)) as connection:
-            if _shape(connection) != self._pristine:
-                return False
-            connection.execute("SET LOCAL session_replication_role = replica")  # append-only tables
-            tables = [table for (table,) in connection.execute(TABLES).fetchall()]
-            connection.execute(";".join(f'DELETE FROM "{table}"' for table in tables))
-            connection.execute(_RESTART)
+    def _emptied(self, connection: "psycopg.Connection[tuple[str, ...]]") -> bool:
+        if _shape(connection) != self._pristine:
+            return False
+        connection.execute("SET LOCAL session_replication_role = replica")  # append-only tables
+        tables = [table for (table,) in connection.execute(TABLES).fetchall()]
+        connection.execute(";".join(f'DELETE FROM "{table}"' for table in tables))
+        connection.execute(_RESTART)
         return True
 
 
@@ -148,16 +150,17 @@ def postgres() -> Iterator[Postgres]:
     folder = Path(tempfile.mkdtemp(prefix="ed-pg-"))
     folder.chmod(0o755)  # as root, the server runs under a user of its own
     server = _start_postgres(folder)
-    running = Postgres(server.get_uri())
-    with psycopg.connect(running.uri, autocommit=True) as connection:
-        for name in ("fsync", "full_page_writes", "synchronous_commit"):  # speed: nothing here
-            connection.execute(f"ALTER SYSTEM SET {name} = off")  # outlives the power
-        connection.execute("SELECT pg_reload_conf()")
-        connection.execute(f"CREATE DATABASE {TEMPLATE}")
+    uri = server.get_uri()
+    running = Postgres(uri, psycopg.connect(uri, autocommit=True))
+    for name in ("fsync", "full_page_writes", "synchronous_commit"):  # speed: nothing here
+        running.admin.execute(f"ALTER SYSTEM SET {name} = off")  # outlives the power
+    running.admin.execute("SELECT pg_reload_conf()")
+    running.admin.execute(f"CREATE DATABASE {TEMPLATE}")
     migrate(running.url(TEMPLATE))
     _make_roles(running.url(TEMPLATE))
     running.remember_template()
     yield running
+    running.admin.close()
     server.cleanup()
     shutil.rmtree(folder, ignore_errors=True)
 
@@ -210,8 +213,6 @@ def _database_of_its_own(request: pytest.FixtureRequest, *, is_migrated: bool) -
     server: Postgres = request.getfixturevalue("postgres")
     name = server.create(TEMPLATE if is_migrated else "template0")
     yield server.url(name)
-    with psycopg.connect(server.address(name)) as connection:
-        look_in_postgres(connection)
     server.drop(name)
 
 

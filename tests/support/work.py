@@ -1,8 +1,9 @@
 """What tests do with work items: claim a certain one, let time pass, look at what waits."""
 
+from contextvars import ContextVar
 from datetime import timedelta
 
-from sqlalchemy import select
+from sqlalchemy import ColumnElement, bindparam, select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.db.clock import NOW
@@ -12,6 +13,15 @@ from exceptiondrive_records.work.jobs import claim_job
 from exceptiondrive_records.work.lease import claim, is_free
 from exceptiondrive_records.work.tables import OPEN_STATES, BoardRequest, Job, Profile, WorkItem
 
+_ASKED_FOR: ContextVar[str] = ContextVar("asked for")
+_IS_ASKED_FOR = Job.id == bindparam("asked_for", callable_=_ASKED_FOR.get)
+
+
+def is_job(job_id: str) -> ColumnElement[bool]:
+    """Condition: this very job, until another is asked for; one for all, so that a claim is put together once."""
+    _ASKED_FOR.set(job_id)
+    return _IS_ASKED_FOR
+
 
 def claim_this(
     session: Session, job_id: str, lease_s: float = 120, max_attempts: int = 4
@@ -20,7 +30,7 @@ def claim_this(
     job = session.get(Job, job_id)
     if job is None or job.lane is None:
         return None
-    return claim_job(session, job.lane, lease_s, max_attempts, Job.id == job_id)
+    return claim_job(session, job.lane, lease_s, max_attempts, is_job(job_id))
 
 
 def claim_board_of(

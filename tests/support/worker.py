@@ -6,7 +6,7 @@ from typing import Any
 from sqlalchemy import select
 from tests.support.floors import leave_open
 from tests.support.records import next_moment
-from tests.support.work import claim_board_of
+from tests.support.work import claim_board_of, is_job
 
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.submissions.file_store import FileStore
@@ -91,7 +91,7 @@ def score_submission(context: WorkerContext, job_id: str) -> bool:
     with context.database.read() as session:
         job = session.get(Job, job_id)
     return (
-        job is not None and job.lane is not None and score_next(context, job.lane, Job.id == job_id)
+        job is not None and job.lane is not None and score_next(context, job.lane, is_job(job_id))
     )
 
 

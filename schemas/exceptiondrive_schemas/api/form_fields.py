@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, Literal
 
 from pydantic import BaseModel
@@ -35,6 +36,7 @@ class FormField:
     """The document inside the model that the field belongs to."""
 
 
+@cache
 def fields_of(model: type[BaseModel]) -> tuple[FormField, ...]:
     """Return a field for each one of a model, and of the documents inside it, in their order."""
     schema = model.model_json_schema()

@@ -84,7 +84,7 @@ def lively_site(site: Site, lively_board: Board, tmp_path: Path, snapshots: Snap
     return site
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def shown_site(
     tmp_path_factory: pytest.TempPathFactory,
     migrated_sqlite: Path,
