@@ -25,7 +25,7 @@ P = ParamSpec("P")
 Async = Callable[Concatenate["AsyncClient", P], Coroutine[Any, Any, Result]]
 
 
-def _of(method: Callable[Concatenate[Client, P], Result]) -> Async[P, Result]:
+def _awaitable(method: Callable[Concatenate[Client, P], Result]) -> Async[P, Result]:
     """Return a method of `Client` as one to be awaited."""
 
     @wraps(method)
@@ -35,7 +35,7 @@ def _of(method: Callable[Concatenate[Client, P], Result]) -> Async[P, Result]:
     return call
 
 
-def _following(
+def _awaitable_submission(
     method: Callable[Concatenate[Client, P], Submission],
 ) -> "Async[P, AsyncSubmission]":
     """Return a method of `Client` that gives a submission as one that gives it to be awaited."""
@@ -84,41 +84,41 @@ class AsyncClient:
         call = partial(function, *args, **kwargs)
         return await asyncio.get_running_loop().run_in_executor(self._threads, call)
 
-    submit = _following(Client.submit)
-    submission = _following(Client.submission)
-    ask = _of(Client.ask)
-    news = _of(Client.news)
-    questions = _of(Client.questions)
-    add_contact = _of(Client.add_contact)
-    check = _of(Client.check)
-    choose = _of(Client.choose)
-    contacts = _of(Client.contacts)
-    download = _of(Client.download)
-    edit = _of(Client.edit)
-    edits = _of(Client.edits)
-    leaderboard = _of(Client.leaderboard)
-    manifest = _of(Client.manifest)
-    mark_read = _of(Client.mark_read)
-    me = _of(Client.me)
-    notices = _of(Client.notices)
-    outlook = _of(Client.outlook)
-    phase = _of(Client.phase)
-    report = _of(Client.report)
-    phases = _of(Client.phases)
-    protocol = _of(Client.protocol)
-    protocol_of = _of(Client.protocol_of)
-    accept_terms = _of(Client.accept_terms)
-    publish = _of(Client.publish)
-    quota = _of(Client.quota)
-    receipt = _of(Client.receipt)
-    receipt_keys = _of(Client.receipt_keys)
-    set_wishes = _of(Client.set_wishes)
-    remove_contact = _of(Client.remove_contact)
-    split = _of(Client.split)
-    status = _of(Client.status)
-    submissions = _of(Client.submissions)
-    unpublish = _of(Client.unpublish)
-    withdraw = _of(Client.withdraw)
+    submit = _awaitable_submission(Client.submit)
+    submission = _awaitable_submission(Client.submission)
+    ask = _awaitable(Client.ask)
+    news = _awaitable(Client.news)
+    questions = _awaitable(Client.questions)
+    add_contact = _awaitable(Client.add_contact)
+    check = _awaitable(Client.check)
+    choose = _awaitable(Client.choose)
+    contacts = _awaitable(Client.contacts)
+    download = _awaitable(Client.download)
+    edit = _awaitable(Client.edit)
+    edits = _awaitable(Client.edits)
+    leaderboard = _awaitable(Client.leaderboard)
+    manifest = _awaitable(Client.manifest)
+    mark_read = _awaitable(Client.mark_read)
+    me = _awaitable(Client.me)
+    notices = _awaitable(Client.notices)
+    outlook = _awaitable(Client.outlook)
+    phase = _awaitable(Client.phase)
+    report = _awaitable(Client.report)
+    phases = _awaitable(Client.phases)
+    protocol = _awaitable(Client.protocol)
+    protocol_of = _awaitable(Client.protocol_of)
+    accept_terms = _awaitable(Client.accept_terms)
+    publish = _awaitable(Client.publish)
+    quota = _awaitable(Client.quota)
+    receipt = _awaitable(Client.receipt)
+    receipt_keys = _awaitable(Client.receipt_keys)
+    set_wishes = _awaitable(Client.set_wishes)
+    remove_contact = _awaitable(Client.remove_contact)
+    split = _awaitable(Client.split)
+    status = _awaitable(Client.status)
+    submissions = _awaitable(Client.submissions)
+    unpublish = _awaitable(Client.unpublish)
+    withdraw = _awaitable(Client.withdraw)
 
     def page_url(self, submission_id: str) -> str:
         """Address of the page of a submission, from upload to rank, for members of its team."""

@@ -277,7 +277,7 @@ class Client(Connection):
         Raises:
             NotFoundError: There is no such phase; the advice names those that there are.
         """
-        with self._naming(phase, self._phase_ids, "phases"):
+        with self._suggesting_names(phase, self._phase_ids, "phases"):
             return self._get(PhaseView, f"/phases/{quoted(phase)}")
 
     def report(self, phase: str) -> "PhaseReport":
@@ -288,7 +288,7 @@ class Client(Connection):
         """
         from exceptiondrive_schemas.api.phase_report import PhaseReport
 
-        with self._naming(phase, self._phase_ids, "phases"):
+        with self._suggesting_names(phase, self._phase_ids, "phases"):
             return self._get(PhaseReport, f"/phases/{quoted(phase)}/report")
 
     def _phase_ids(self) -> list[str]:
@@ -317,12 +317,12 @@ class Client(Connection):
 
     def manifest(self, phase: str) -> Manifest:
         """Return the sample ids of a phase's split."""
-        with self._naming(phase, self._phase_ids, "phases"):
+        with self._suggesting_names(phase, self._phase_ids, "phases"):
             return self._get(Manifest, f"/phases/{quoted(phase)}/manifest")
 
     def protocol(self, version: str) -> ProtocolDocument:
         """Return a protocol by its version."""
-        with self._naming(version, self._protocol_versions, "protocols"):
+        with self._suggesting_names(version, self._protocol_versions, "protocols"):
             return self._get(ProtocolDocument, f"/protocols/{quoted(version)}")
 
     def _protocol_versions(self) -> list[str]:
@@ -342,7 +342,7 @@ class Client(Connection):
             NotFoundError: There is none, or its regions are withheld; the advice says which.
         """
         path, query = f"/splits/{quoted(name)}", {"revision": revision}
-        with self._naming(name, lambda: self._public_splits(name), "public splits"):
+        with self._suggesting_names(name, lambda: self._public_splits(name), "public splits"):
             return read_answer(Split.read, self._transport.get(path, query, on_progress))
 
     def _public_splits(self, wanted: str) -> list[str]:
@@ -356,7 +356,9 @@ class Client(Connection):
         return list(dict.fromkeys(view.split for view in phases if view.split_is_public))
 
     @contextmanager
-    def _naming(self, name: str, known: Callable[[], list[str]], what: str) -> Iterator[None]:
+    def _suggesting_names(
+        self, name: str, known: Callable[[], list[str]], what: str
+    ) -> Iterator[None]:
         """Add to the error of a name that is not found what was probably meant."""
         require_text(name)
         try:
@@ -373,9 +375,9 @@ class Client(Connection):
 
     def check(self, file: SubmissionLike, *, phase: str) -> CheckReport:
         """Check a file on this machine against the samples and the protocol of a phase."""
-        return self._check(file, self.phase(phase))
+        return self._check_for_phase(file, self.phase(phase))
 
-    def _check(self, file: SubmissionLike, phase: PhaseView) -> CheckReport:
+    def _check_for_phase(self, file: SubmissionLike, phase: PhaseView) -> CheckReport:
         report = check_file(
             file,
             manifest=self.manifest(phase.id),
@@ -405,7 +407,7 @@ class Client(Connection):
             except ValueError as error:
                 advice = "Name it as the board shall show it."
                 raise InvalidArgumentError("wrong_method", str(error), advice) from None
-        report = self._check(file, phase)
+        report = self._check_for_phase(file, phase)
         if not report.is_valid:
             return Outlook(report, None)
         if phase.disqualified_at is not None:
@@ -703,12 +705,14 @@ class Client(Connection):
             wishes: What it is told of: `updates`, `scored`, `failed`, `overtaken`, `phase_ends`.
         """
         channel = "webhook" if "://" in require_text(address, "An address") else "email"
-        wanted = {"channel": channel, "address": address, "wishes": _listed(wishes)}
+        wanted = {"channel": channel, "address": address, "wishes": _wish_list(wishes)}
         return self._transport.post_once("/contacts", wanted)
 
     def set_wishes(self, contact_id: str, wishes: Sequence[str]) -> Record:
         """Set what an address is told of."""
-        return self._transport.patch(f"/contacts/{quoted(contact_id)}", {"wishes": _listed(wishes)})
+        return self._transport.patch(
+            f"/contacts/{quoted(contact_id)}", {"wishes": _wish_list(wishes)}
+        )
 
     def remove_contact(self, contact_id: str) -> Record:
         """Be told no longer at an address."""
@@ -716,7 +720,7 @@ class Client(Connection):
 
     def withdraw(self, submission_id: str) -> SubmissionView:
         """Take a submission off the board; it keeps its place in the team's own list."""
-        return self._say(submission_id, "withdraw")
+        return self._post_action(submission_id, "withdraw")
 
     def choose(self, submission_id: str, rule: RunRule = "this") -> SubmissionView:
         """Say which run stands on the board; the last word before the deadline counts.
@@ -726,7 +730,9 @@ class Client(Connection):
                 the method, in one that lets teams choose the run of a method.
             rule: This run, or the method's best or newest one.
         """
-        return self._say(submission_id, "choose" if rule == "this" else f"choose?rule={rule}")
+        return self._post_action(
+            submission_id, "choose" if rule == "this" else f"choose?rule={rule}"
+        )
 
     def publish(self, submission_id: str, *, replace: bool = False) -> SubmissionView:
         """Put an entry on the board of a phase that keeps entries private.
@@ -738,13 +744,13 @@ class Client(Connection):
         Raises:
             InvalidArgumentError: It replaces one, and may not; nothing was changed.
         """
-        return self._say(submission_id, "publish?replace=true" if replace else "publish")
+        return self._post_action(submission_id, "publish?replace=true" if replace else "publish")
 
     def unpublish(self, submission_id: str) -> SubmissionView:
         """Make an entry private again; earlier boards keep what they showed."""
-        return self._say(submission_id, "unpublish")
+        return self._post_action(submission_id, "unpublish")
 
-    def _say(self, submission_id: str, what: str) -> SubmissionView:
+    def _post_action(self, submission_id: str, what: str) -> SubmissionView:
         path = f"{self._path_of(submission_id)}/{what}"
         return read_answer(SubmissionView.read, self._transport.post(path, dict))
 
@@ -810,8 +816,8 @@ class Client(Connection):
             "view": view,
         }
         with (
-            self._naming(phase or "", self._phase_ids, "phases"),
-            self._naming(protocol or "", self._protocol_versions, "protocols"),
+            self._suggesting_names(phase or "", self._phase_ids, "phases"),
+            self._suggesting_names(protocol or "", self._protocol_versions, "protocols"),
         ):
             return self._get(Board, "/leaderboard", query)
 
@@ -830,7 +836,7 @@ class Client(Connection):
         return read_answer(kind.read, self._transport.get(path, query))
 
 
-def _listed(wishes: Sequence[str]) -> list[str]:
+def _wish_list(wishes: Sequence[str]) -> list[str]:
     """Return wishes as a list; a single one may be given by itself."""
     if isinstance(wishes, str) or not isinstance(wishes, Iterable):
         return [require_text(wishes, "A wish")]

@@ -31,7 +31,7 @@ def server_setting(server: str | None = None) -> Setting:
     found = find_setting("server", server)
     if found.value is not None:
         return found
-    kept = _read().get("server")
+    kept = _read_file().get("server")
     return Setting(kept, "login") if kept else Setting(DEFAULT_SERVER, "default")
 
 
@@ -67,7 +67,7 @@ def find_token(server: str) -> str | None:
         NotAllowedError: Others can read the file of tokens.
     """
     token = os.environ.get(TOKEN_VARIABLE, "").strip()
-    return token or _read().get("tokens", {}).get(server)
+    return token or _read_file().get("tokens", {}).get(server)
 
 
 def keep_token(server: str, token: str) -> Path:
@@ -77,18 +77,18 @@ def keep_token(server: str, token: str) -> Path:
         NotAllowedError: Others can read the file of tokens.
         InvalidArgumentError: It cannot be written.
     """
-    content = _read()
+    content = _read_file()
     tokens = {**content.get("tokens", {}), server: token}
-    return _write({"server": server, "tokens": tokens})
+    return _write_file({"server": server, "tokens": tokens})
 
 
 def forget_token(server: str) -> bool:
     """Forget the token of this server; return whether there was one."""
-    content = _read()
+    content = _read_file()
     tokens = dict(content.get("tokens", {}))
     was_there = tokens.pop(server, None) is not None
     if was_there:
-        _write({**content, "tokens": tokens})
+        _write_file({**content, "tokens": tokens})
     return was_there
 
 
@@ -106,7 +106,7 @@ def is_this_machine(host: str) -> bool:
         return host.rstrip(".") == "localhost"
 
 
-def _read() -> dict[str, Any]:
+def _read_file() -> dict[str, Any]:
     path = credentials_path()
     try:
         with path.open(encoding="utf-8") as stream:
@@ -133,7 +133,7 @@ def _read() -> dict[str, Any]:
     return content
 
 
-def _write(content: dict[str, Any]) -> Path:
+def _write_file(content: dict[str, Any]) -> Path:
     advice = f"Without it a token is taken from {TOKEN_VARIABLE}."
     text = json.dumps(content, indent=1)
     return write_settings_file(credentials_path(), text, mode=0o600, advice=advice)

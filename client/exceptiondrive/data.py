@@ -64,14 +64,14 @@ def download_file(file: DataFile, folder: Path, on_progress: Progress | None = N
         NetworkError: The connection broke off again and again; the next call goes on from there.
     """
     try:
-        return _download(file, folder, on_progress)
+        return _download_once(file, folder, on_progress)
     except OSError as error:
         raise InvalidArgumentError(
             "unwritable_file", f"{folder / file.name} cannot be written: {error.strerror}."
         ) from None
 
 
-def _download(file: DataFile, folder: Path, on_progress: Progress | None) -> Path:
+def _download_once(file: DataFile, folder: Path, on_progress: Progress | None) -> Path:
     path = _place_of(file, folder)
     if path.exists():
         if _is_whole(path, file):

@@ -68,17 +68,17 @@ def to_dataframe(
         named = dict(zip(_OF_BOARDS, told, strict=True))
         rows = [named | row for row in make_rows(document.entries)]
         columns = None if rows else _OF_FAMILIES if families else _OF_ENTRIES
-        return _typed(pd.DataFrame(rows, columns=columns))
+        return _with_types(pd.DataFrame(rows, columns=columns))
     if isinstance(document, ScoreSheet):
         by_id = {(level, key): row for level, key, row in _sheet_rows(document)}
         index = pd.MultiIndex.from_tuples(list(by_id), names=["level", "id"])
-        return _typed(pd.DataFrame(list(by_id.values()), index=index))
+        return _with_types(pd.DataFrame(list(by_id.values()), index=index))
     if isinstance(document, CheckReport):
         kinds = (group.model_dump(mode="json", exclude={"examples"}) for group in document.faults)
         columns = [name for name in FaultGroup.model_fields if name != "examples"]
         return pd.DataFrame(list(kinds), columns=columns)
     if isinstance(document, SimilarityReport):
-        return _typed(pd.DataFrame(list(_pair_rows(document))))
+        return _with_types(pd.DataFrame(list(_pair_rows(document))))
     if isinstance(document, OneSubmission):
         document = [document]
     given: object = document  # whatever a caller without type checks gives
@@ -98,8 +98,8 @@ def to_dataframe(
             "submissions, submissions, and what evaluate_samples gives.",
         )
     if not views:
-        return _typed(pd.DataFrame(columns=_OF_ALL))
-    return _typed(pd.DataFrame([_submission_row(view) for view in views]))
+        return _with_types(pd.DataFrame(columns=_OF_ALL))
+    return _with_types(pd.DataFrame([_submission_row(view) for view in views]))
 
 
 def _named_type(given: object) -> str:
@@ -110,7 +110,7 @@ def _named_type(given: object) -> str:
     return type(given).__name__ + (f" of {', '.join(kinds)}" if kinds else "")
 
 
-def _typed(table: "pd.DataFrame") -> "pd.DataFrame":
+def _with_types(table: "pd.DataFrame") -> "pd.DataFrame":
     """Give times a time zone, and ranks a type that knows of missing ones."""
     import pandas as pd
 
@@ -155,10 +155,10 @@ def _sheet_rows(sheet: ScoreSheet) -> Iterator[tuple[str, str, Row]]:
 def _pair_rows(report: SimilarityReport) -> Iterator[Row]:
     for pair in report.pairs:
         told = pair.model_dump(mode="json", exclude={"first", "second"})
-        yield told | _named("first", pair.first) | _named("second", pair.second)
+        yield told | _name_columns("first", pair.first) | _name_columns("second", pair.second)
 
 
-def _named(name: str, submission: SubmissionOfTeam) -> Row:
+def _name_columns(name: str, submission: SubmissionOfTeam) -> Row:
     return {f"{name}_{key}": value for key, value in dict(submission).items()}
 
 

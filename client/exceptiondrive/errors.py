@@ -41,7 +41,7 @@ class ExceptionDriveError(Exception):
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Let it cross from one process to another, as of a pool: kinds differ in what makes them."""
-        return _again, (type(self), *self.args), self.__dict__
+        return _unpickled, (type(self), *self.args), self.__dict__
 
     def document(self) -> dict[str, Any]:
         """Return the error as `--json` prints it."""
@@ -53,7 +53,7 @@ class ExceptionDriveError(Exception):
         }
 
 
-def _again(kind: type[ExceptionDriveError], *args: str) -> ExceptionDriveError:
+def _unpickled(kind: type[ExceptionDriveError], *args: str) -> ExceptionDriveError:
     """Return an error whose attributes are set by who unpickles it."""
     return kind.__new__(kind, *args)
 

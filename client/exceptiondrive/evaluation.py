@@ -109,7 +109,7 @@ def score(
     from exceptiondrive_scoring.challenge import document_columns, exact_sheet, scoring_of
 
     on_step(f"measuring {counted(len(split.counted), 'sample')}")
-    arrays = _arrays(split, protocol)
+    arrays = _split_arrays(split, protocol)
     scoring = scoring_of(document.challenge)
     answers = document_columns(document, [sample.sample_id for sample in split.counted])
     measured = scoring.measure(answers, arrays, protocol.geometry)
@@ -122,7 +122,7 @@ def score(
     return exact_sheet(scoring, measured, arrays, split_ref, protocol, of_controls)
 
 
-def _arrays(split: Split, protocol: ProtocolDocument) -> "SplitArrays":
+def _split_arrays(split: Split, protocol: ProtocolDocument) -> "SplitArrays":
     from exceptiondrive_scoring.arrays import split_arrays
     from exceptiondrive_scoring.clearance import touches_start
     from exceptiondrive_scoring.region import crosses_itself, is_far, is_small
@@ -205,7 +205,7 @@ def sample_results(
         raise InvalidArgumentError(
             "wrong_challenge", "Only planning files have results of samples by depth."
         )
-    arrays = _arrays(split, protocol)
+    arrays = _split_arrays(split, protocol)
     answers = document_columns(document, [sample.sample_id for sample in split.counted])
     scoring = scoring_of(PLANNING.id)
     measured = scoring.measure(answers, arrays, protocol.geometry)
@@ -222,15 +222,15 @@ def sample_results(
                 sample_id=sample.sample_id,
                 task=task.id,
                 family=task.family,
-                clearance_m=_known(clearance_m[index]),
+                clearance_m=_none_if_nan(clearance_m[index]),
                 required_m=float(arrays.d_safe_m[index]) * protocol.grading.d_safe_scale,
-                depth_m=_known(depth_m[index]),
+                depth_m=_none_if_nan(depth_m[index]),
                 ur=float(columns["ur"][index]),
                 hcc=float(columns["hcc"][index]),
                 hpr=float(columns["hpr"][index]),
-                cts=_known(columns["cts"][index]),
-                progress=_known(columns["progress"][index]),
-                source_l2_m=_known(columns["source_l2_m"][index]),
+                cts=_none_if_nan(columns["cts"][index]),
+                progress=_none_if_nan(columns["progress"][index]),
+                source_l2_m=_none_if_nan(columns["source_l2_m"][index]),
             )
         )
     ordered = sorted(results, key=_worst_first)
@@ -249,7 +249,7 @@ def in_turn(results: Iterable[SampleResult]) -> tuple[SampleResult, ...]:
     return tuple(each for turn in turns for each in turn if each is not None)
 
 
-def _known(value: float) -> float | None:
+def _none_if_nan(value: float) -> float | None:
     return None if math.isnan(value) else float(value)
 
 

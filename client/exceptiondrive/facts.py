@@ -27,9 +27,9 @@ def facts_of(given: Facts) -> MethodFacts:
     if isinstance(given, MethodFacts):
         return given
     if isinstance(given, Mapping):
-        return _valid(given)
+        return _validated_facts(given)
     try:
-        return _valid(json.loads(Path(given).read_text(encoding="utf-8")))
+        return _validated_facts(json.loads(Path(given).read_text(encoding="utf-8")))
     except (OSError, TypeError, ValueError, RecursionError) as error:
         raise InvalidArgumentError(
             "wrong_facts", f"{given}: this is no JSON file of facts ({reason_of(error)})."
@@ -57,11 +57,11 @@ def facts_of_pairs(
                 "wrong_facts",
                 f"{pair!r} is no fact. Write key=value; the keys are {', '.join(_FIELDS)}.",
             )
-        told[field.name] = _value(field, text.strip())
-    return _valid(told) if told else None
+        told[field.name] = _parse_value(field, text.strip())
+    return _validated_facts(told) if told else None
 
 
-def _value(field: FormField, text: str) -> Any:
+def _parse_value(field: FormField, text: str) -> Any:
     if field.kind == "several":
         return tuple(one.strip() for one in text.split(",") if one.strip())
     if field.kind == "number" and text:
@@ -74,7 +74,7 @@ def _value(field: FormField, text: str) -> Any:
     return None if field.may_be_none and not text else text
 
 
-def _valid(told: Any) -> MethodFacts:
+def _validated_facts(told: Any) -> MethodFacts:
     try:
         return MethodFacts.model_validate(told)
     except ValidationError as error:

@@ -168,12 +168,12 @@ def given_submission(given: object, split: str | None = None) -> GivenFile:
     if not isinstance(given, Mapping) and hasattr(given, "columns") and hasattr(given, "to_dict"):
         frame: Any = given
         attrs = getattr(given, "attrs", None) or {}
-        columns = {str(name): _plain(frame[name]) for name in frame.columns}
+        columns = {str(name): _as_lists(frame[name]) for name in frame.columns}
         split = split or attrs.get("split")
         given = _of_waypoints(columns) if "trajectory" in columns else columns
     if not isinstance(given, Mapping):
         return given_bytes(given, "submission")
-    document = _plain(given)
+    document = _as_lists(given)
     if "predictions" not in document and "sample_id" in document:
         document = _of_columns(document, split)
     try:
@@ -193,7 +193,7 @@ def given_manifest(given: ManifestLike) -> Manifest:
     Raises:
         InvalidArgumentError: It cannot be read, or is no manifest.
     """
-    return _model(
+    return _model_of(
         Manifest,
         given,
         "manifest",
@@ -207,7 +207,7 @@ def given_split(given: SplitLike) -> Split:
     Raises:
         InvalidArgumentError: It cannot be read, or is no split.
     """
-    return _model(
+    return _model_of(
         Split, given, "split file", "Take the development split: exceptiondrive split download NAME"
     )
 
@@ -240,13 +240,13 @@ def given_protocol(given: ProtocolLike | None) -> ProtocolDocument:
         ) from None
 
 
-def _model(kind: type[Model], given: object, noun: str, advice: str) -> Model:
+def _model_of(kind: type[Model], given: object, noun: str, advice: str) -> Model:
     if isinstance(given, kind):
         return given
     name = noun
     try:
         if isinstance(given, Mapping):
-            data = json.dumps(_plain(given)).encode()
+            data = json.dumps(_as_lists(given)).encode()
         else:
             name, data = given_bytes(given, noun, advice)
             data = inflate(
@@ -263,18 +263,18 @@ def _model(kind: type[Model], given: object, noun: str, advice: str) -> Model:
     raise InvalidArgumentError(code, f"{name} is not a {noun} ({reason}).", advice)
 
 
-def _plain(value: Any) -> Any:
+def _as_lists(value: Any) -> Any:
     """Return lists in the place of arrays, tensors and series, at every depth, and None of `pandas.NA`."""
     if not hasattr(value, "tolist") and hasattr(value, "__array__"):
         value = value.__array__()
     if hasattr(value, "tolist"):
         listed = value.tolist()
         is_mixed = str(getattr(value, "dtype", "")) == "object" or hasattr(value, "isna")
-        return _plain(listed) if is_mixed else listed
+        return _as_lists(listed) if is_mixed else listed
     if isinstance(value, Mapping):
-        return {str(key): _plain(each) for key, each in value.items()}
+        return {str(key): _as_lists(each) for key, each in value.items()}
     if isinstance(value, list | tuple):
-        return [_plain(each) for each in value]
+        return [_as_lists(each) for each in value]
     return None if type(value).__name__ == "NAType" else value  # pandas.NA
 
 
@@ -304,15 +304,15 @@ def _of_columns(columns: Mapping[str, Any], split: str | None) -> dict[str, Any]
 
 def _without_nan(value: Any) -> Any:
     """Return None for what is NaN alone, as numpy and pandas write what is missing."""
-    numbers = list(_numbers(value))
+    numbers = list(_iterate_numbers(value))
     is_nan = all(isinstance(each, float) and math.isnan(each) for each in numbers)
     return None if numbers and is_nan else value
 
 
-def _numbers(value: Any) -> Iterable[Any]:
+def _iterate_numbers(value: Any) -> Iterable[Any]:
     if isinstance(value, list):
         for each in value:
-            yield from _numbers(each)
+            yield from _iterate_numbers(each)
     else:
         yield value
 

@@ -17,7 +17,7 @@ MAX_ARCHIVE_BYTES = 2**36
 """Of every upload of a phase, which an organizer's own server packs."""
 
 
-def _at(*parts: str) -> str:
+def _organizer_path(*parts: str) -> str:
     """Return the path of what only organizers may, whatever its parts hold."""
     return "/".join(["/organizer", *map(quoted, parts)])
 
@@ -26,11 +26,11 @@ class Organizer(Connection):
     """Speaks for an organizer to one server; server and token as in `Client`."""
 
     def _do(self, *where: str, **said: Any) -> Record:
-        return self._transport.post_once(_at(*where), said)
+        return self._transport.post_once(_organizer_path(*where), said)
 
     def _path_of(self, submission: str, *parts: str) -> str:
         """Return the path of a submission, of the address of its page too."""
-        return _at("submissions", self.id_of(submission), *parts)
+        return _organizer_path("submissions", self.id_of(submission), *parts)
 
     def _do_with(self, submission: str, what: str, **said: Any) -> Record:
         return self._transport.post_once(self._path_of(submission, what), said)
@@ -67,11 +67,13 @@ class Organizer(Connection):
 
     def participation(self, team_id: str) -> Record:
         """Return people, addresses, allowances, disqualifications and accepted terms of a team."""
-        return self._transport.record(_at("teams", team_id, "participation"))
+        return self._transport.record(_organizer_path("teams", team_id, "participation"))
 
     def change_team(self, team_id: str, reason: str, **changes: str) -> Record:
         """Change `name` or `affiliation` of a team; what is left out stays."""
-        return self._transport.patch(_at("teams", team_id), {"reason": reason, **changes})
+        return self._transport.patch(
+            _organizer_path("teams", team_id), {"reason": reason, **changes}
+        )
 
     def merge_teams(self, team_id: str, into: str, reason: str) -> Record:
         """Make a team part of another one, for good."""
@@ -90,7 +92,8 @@ class Organizer(Connection):
     ) -> Record:
         """Set `closes_at`, `quota_per_day`, `quota_total` of one team; None is as for all."""
         return self._transport.patch(
-            _at("teams", team_id, "allowances", phase_id), {"reason": reason, **allowance}
+            _organizer_path("teams", team_id, "allowances", phase_id),
+            {"reason": reason, **allowance},
         )
 
     def disqualify_team(
@@ -201,7 +204,7 @@ class Organizer(Connection):
 
     def tokens(self, team_id: str) -> list[Record]:
         """Return a team's tokens, without their secrets."""
-        return self._transport.records(_at("teams", team_id, "tokens"))
+        return self._transport.records(_organizer_path("teams", team_id, "tokens"))
 
     def issue_token(self, team_id: str, name: str, expires_at: str | None = None) -> Record:
         """Issue a token; its text is under `token`, and is shown this once."""
@@ -228,11 +231,11 @@ class Organizer(Connection):
 
     def change_phase(self, phase_id: str, changes: Mapping[str, Any]) -> Record:
         """Change settings of a phase; what is left out stays, None takes a limit or date away."""
-        return self._transport.patch(_at("phases", phase_id), changes)
+        return self._transport.patch(_organizer_path("phases", phase_id), changes)
 
     def similar(self, phase_id: str) -> SimilarityReport:
         """Return which submissions of a phase are alike, and which teams may be probing."""
-        answer = self._transport.get(_at("phases", phase_id, "similar"))
+        answer = self._transport.get(_organizer_path("phases", phase_id, "similar"))
         return read_answer(SimilarityReport.read, answer)
 
     def site(self) -> Record:
@@ -254,12 +257,12 @@ class Organizer(Connection):
     def export_phase(self, phase_id: str) -> bytes:
         """Return what readers may see of a phase as a tar; its `README.md` says what each file is."""
         return self._transport.get(
-            _at("phases", phase_id, "export"), max_bytes=MAX_ARCHIVE_BYTES
+            _organizer_path("phases", phase_id, "export"), max_bytes=MAX_ARCHIVE_BYTES
         ).content
 
     def reported_boards(self, phase_id: str) -> list[Record]:
         """Return the boards of elsewhere beside a phase, withdrawn ones too, newest first."""
-        return self._transport.records(_at("phases", phase_id, "reported"))
+        return self._transport.records(_organizer_path("phases", phase_id, "reported"))
 
     def import_reported(self, phase_id: str, file: str, title: str, cite: str) -> Record:
         """Put the rows of another board beside a phase, unranked: all of them, or none."""
@@ -299,7 +302,7 @@ class Organizer(Connection):
 
     def withdraw_confirmation(self, confirmation_id: str, reason: str) -> list[Record]:
         """Take a confirmation back; return those that stay."""
-        path = _at("confirmations", confirmation_id, "withdraw")
+        path = _organizer_path("confirmations", confirmation_id, "withdraw")
         self._transport.post(path, lambda: {"json": {"reason": reason}}, False)
         return self.confirmations()
 
@@ -373,7 +376,7 @@ class Rescoring:
 
     def preview_csv(self, run_id: str) -> str:
         """Return the comparison as CSV."""
-        return self._transport.get(_at("rescoring", run_id, "preview.csv")).text
+        return self._transport.get(_organizer_path("rescoring", run_id, "preview.csv")).text
 
     def start_verification(self, phase: str, sample: int | None, reason: str) -> VerificationView:
         """Ask for sheets to be recomputed from their uploads."""
@@ -386,8 +389,10 @@ class Rescoring:
         return self._get(VerificationView, "verifications", verification_id)
 
     def _get(self, kind: type[_Read], *where: str, **query: str | None) -> _Read:
-        return read_answer(kind.read, self._transport.get(_at("rescoring", *where), query))
+        return read_answer(
+            kind.read, self._transport.get(_organizer_path("rescoring", *where), query)
+        )
 
     def _do(self, kind: type[_Read], *where: str, **said: Any) -> _Read:
-        path = _at("rescoring", *where)
+        path = _organizer_path("rescoring", *where)
         return read_answer(kind.read, self._transport.post(path, lambda: {"json": said}, False))

@@ -216,12 +216,12 @@ def points_of(
     if is_null_word(value):
         on_form("text in the place of null")
         return None
-    if (modes := _modes(value)) is not None:
+    if (modes := _mode_list(value)) is not None:
         value = _chosen_mode(path, where, modes, mode)
         on_form(f"mode {mode} of {len(modes)}" if len(modes) > 1 else "a list of one trajectory")
     try:
         points = tuple(
-            NO_POINT if point is None else tuple(map(_number, point_in(point) or point))
+            NO_POINT if point is None else tuple(map(_as_number, point_in(point) or point))
             for point in value
         )
     except (TypeError, ValueError):
@@ -229,7 +229,7 @@ def points_of(
     return unless_missing(points)
 
 
-def _modes(value: Any) -> list[Any] | None:
+def _mode_list(value: Any) -> list[Any] | None:
     """Return the trajectories of a list of modes; None where it is one trajectory."""
     is_list = isinstance(value, list) and value and isinstance(value[0], list) and value[0]
     return value if is_list and isinstance(value[0][0], list) else None
@@ -247,7 +247,7 @@ def _chosen_mode(path: Path, where: str, modes: list[Any], mode: int | None) -> 
     return modes[mode]
 
 
-def _number(value: Any) -> float:
+def _as_number(value: Any) -> float:
     if value is None:
         return math.nan
     number = value if is_number(value) else number_in(value)
@@ -294,7 +294,7 @@ def _pairs_of_arrays(
 
 def _predictions(path: Path, text: str, splits: set[str], on_form: OnForm) -> Iterator[Any]:
     """Yield the predictions of a JSON document, of several in a row, or of JSON lines."""
-    documents = list(_documents(path, text))
+    documents = list(_json_documents(path, text))
     if len(documents) > 1:
         on_form(f"{len(documents):,} JSON documents in a row")
     values = [one for each in documents for one in (each if isinstance(each, list) else [each])]
@@ -316,9 +316,9 @@ def _predictions(path: Path, text: str, splits: set[str], on_form: OnForm) -> It
             predictions = value.get("predictions", [])
             if not isinstance(predictions, list | dict):
                 raise fault(path, "predictions must be a list, or an object by sample id.")
-            yield from _listed(path, predictions)
+            yield from _flat_predictions(path, predictions)
         elif isinstance(value, dict) and not {"sample_id", *SIDES} & value.keys():
-            yield from _listed(path, value)
+            yield from _flat_predictions(path, value)
         else:
             yield value
 
@@ -337,7 +337,7 @@ def _require_own_keys(path: Path, value: dict[str, Any]) -> None:
             )
 
 
-def _listed(path: Path, predictions: Any) -> Iterator[Any]:
+def _flat_predictions(path: Path, predictions: Any) -> Iterator[Any]:
     """Yield predictions of a list, or of an object by sample id."""
     if not isinstance(predictions, Mapping):
         for value in predictions:
@@ -369,7 +369,7 @@ def whole_number(digits: str) -> float:
         return float(digits)
 
 
-def _documents(path: Path, text: str) -> Iterator[Any]:
+def _json_documents(path: Path, text: str) -> Iterator[Any]:
     """Yield the JSON documents of a text, with or without line ends between them."""
     hook = with_unique_keys(path)
     decoder, at = json.JSONDecoder(object_pairs_hook=hook, parse_int=whole_number), 0

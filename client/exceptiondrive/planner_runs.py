@@ -68,12 +68,12 @@ def read_runs(
     Raises:
         InvalidArgumentError: A file cannot be read, or a token occurs twice in a run.
     """
-    runs = [_run(form, paths, mode, on_form) for paths in (source, edited)]
+    runs = [_read_run(form, paths, mode, on_form) for paths in (source, edited)]
     tokens = dict.fromkeys([*runs[0], *runs[1]])
     return tuple(RawPair(token, runs[0].get(token), runs[1].get(token)) for token in tokens)
 
 
-def _run(
+def _read_run(
     form: PlannerForm, paths: Sequence[Path], mode: int | None, on_form: OnForm
 ) -> dict[str, Waypoints | None]:
     run: dict[str, Waypoints | None] = {}
@@ -86,7 +86,7 @@ def _run(
     return run
 
 
-def _object(path: Path, data: bytes | None = None) -> dict[str, Any]:
+def _read_object(path: Path, data: bytes | None = None) -> dict[str, Any]:
     """Return the object in a file, of what was read of it where that is at hand."""
     text = read_text(path, read_bytes(path) if data is None else data)
     try:
@@ -100,8 +100,8 @@ def _object(path: Path, data: bytes | None = None) -> dict[str, Any]:
     return document
 
 
-def _list(path: Path, key: str) -> list[Any]:
-    found = _object(path).get(key, [])
+def _read_list(path: Path, key: str) -> list[Any]:
+    found = _read_object(path).get(key, [])
     if not isinstance(found, list):
         raise fault(path, f"{key} must be a list.")
     return found
@@ -125,7 +125,7 @@ def read_trajectories(path: Path, mode: int | None, on_form: OnForm) -> Tokens:
         for token, points in zip(tokens, trajectories, strict=True):
             yield str(token), points_of(path, str(token), points, mode, on_form)
         return
-    for token, points in _object(path, data).items():
+    for token, points in _read_object(path, data).items():
         yield token, points_of(path, token, points, mode, on_form)
 
 
@@ -138,9 +138,9 @@ def read_vad(path: Path, mode: int | None, on_form: OnForm) -> Tokens:
     459). It writes them as `plan_results` of `results_nusc.pkl` (hustvl/VAD @ 0a20dc7, projects/
     mmdet3d_plugin/datasets/nuscenes_vad_dataset.py, lines 1476 and 1553).
     """
-    for token, result in _object(path).items():
+    for token, result in _read_object(path).items():
         try:
-            modes, commands = result["ego_fut_preds"], _flat(result["ego_fut_cmd"])
+            modes, commands = result["ego_fut_preds"], _flattened(result["ego_fut_cmd"])
             (chosen,) = [mode] if mode is not None else _places_of_most(commands)
             increments = modes[chosen]
         except (TypeError, KeyError, IndexError, ValueError):
@@ -160,8 +160,12 @@ def _places_of_most(numbers: list[float]) -> list[int]:
     return [place for place, number in enumerate(numbers) if number == max(numbers)]
 
 
-def _flat(value: Any) -> list[float]:
-    return [each for part in value for each in _flat(part)] if isinstance(value, list) else [value]
+def _flattened(value: Any) -> list[float]:
+    return (
+        [each for part in value for each in _flattened(part)]
+        if isinstance(value, list)
+        else [value]
+    )
 
 
 def read_bench2drive(path: Path, mode: int | None, on_form: OnForm) -> Tokens:
@@ -172,7 +176,7 @@ def read_bench2drive(path: Path, mode: int | None, on_form: OnForm) -> Tokens:
     440), x to the right and y forward (`lidar2ego` there), half a second apart
     (team_code/pid_controller.py lines 58 and 59).
     """
-    yield path.stem, points_of(path, path.stem, _object(path).get("plan"), mode, on_form)
+    yield path.stem, points_of(path, path.stem, _read_object(path).get("plan"), mode, on_form)
 
 
 def read_lightemma(path: Path, mode: int | None, on_form: OnForm) -> Tokens:
@@ -183,7 +187,7 @@ def read_lightemma(path: Path, mode: int | None, on_form: OnForm) -> Tokens:
     ego pose, x forward and y left (utils.py lines 172 to 192). Its runs in CARLA write `actions` and
     name a frame by its image (predict_and_eval_carla.py lines 186 to 191).
     """
-    for frame in _list(path, "frames"):
+    for frame in _read_list(path, "frames"):
         try:
             token = frame.get("sample_token") or Path(frame["image_name"]).stem
             inference = frame["inference"]
@@ -192,7 +196,7 @@ def read_lightemma(path: Path, mode: int | None, on_form: OnForm) -> Tokens:
             raise fault(
                 path, "needs frames with a token and an inference with pred_actions_str or actions."
             ) from None
-        points = _driven(said)
+        points = _drive_controls(said)
         if points is None:
             on_form(f"answers that are no {N_ACTIONS} pairs of speed and curvature as null")
         yield str(token), points
@@ -202,7 +206,7 @@ N_ACTIONS = 6
 ACTIONS_STEP_S = 0.5
 
 
-def _driven(said: Any) -> Waypoints | None:
+def _drive_controls(said: Any) -> Waypoints | None:
     """Drive pairs of speed in m/s and curvature in 1/m; None where they are no six pairs."""
     try:
         pairs = ast.literal_eval(said) if isinstance(said, str) else said
@@ -232,7 +236,7 @@ def read_navsim(path: Path, mode: int | None, on_form: OnForm) -> Tokens:
     rear axle (navsim/evaluate/pdm_score.py line 39). Its sampling is the agent's own, half a second
     over 4 s by default, a tenth for planners of nuPlan: say it with --time-step-s.
     """
-    for token, trajectory in _object(path).items():
+    for token, trajectory in _read_object(path).items():
         poses = trajectory.get("poses") if isinstance(trajectory, dict) else trajectory
         yield token, points_of(path, token, poses, mode, on_form)
 
@@ -243,7 +247,7 @@ def read_waymo(path: Path, mode: int | None, on_form: OnForm) -> Tokens:
     waymo-open-dataset of Waymo @ 508fb26, src/waymo_open_dataset/protos/
     end_to_end_driving_submission.proto lines 25 to 44: +x forward, +y left, 20 waypoints at 4 Hz, the first at 0.25 s.
     """
-    for frame in _list(path, "predictions"):
+    for frame in _read_list(path, "predictions"):
         try:
             token = frame.get("frameName") or frame["frame_name"]
             at = frame["trajectory"]

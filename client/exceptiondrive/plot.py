@@ -126,7 +126,7 @@ def picture(
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width:g} {height:g}" '
         f'width="{width:g}" height="{height:g}" role="img" aria-labelledby="t d">'
         f'<title id="t">{escape(title)}</title><desc id="d">{escape(words)}</desc>'
-        f"<style>{_style(colours)}</style>"
+        f"<style>{_style_sheet(colours)}</style>"
         f'<rect class="paper" width="{width:g}" height="{height:g}"/>'
         f'<text class="h" x="{PAD}" y="38">{escape(title)}</text>'
         f"{_legend(legend_lines)}{''.join(panels)}</svg>\n"
@@ -142,12 +142,12 @@ def _panel(scene: SampleDrawing, x: float, y: float, box: tuple[int, int], index
         f'<g transform="translate({x:g} {y:g})">{clip}'
         f'<rect class="plot" width="{width}" height="{height}" rx="8"/>'
         f'<g clip-path="url(#c{index})">{shapes(scene, width, height)}</g>'
-        f'<text class="name" x="0" y="{height + 20}">{escape(_cut(name, width / 8.2))}</text>'
-        f'<text class="words" x="0" y="{height + 38}">{escape(_cut(words, width / 6.2))}</text></g>'
+        f'<text class="name" x="0" y="{height + 20}">{escape(_shortened(name, width / 8.2))}</text>'
+        f'<text class="words" x="0" y="{height + 38}">{escape(_shortened(words, width / 6.2))}</text></g>'
     )
 
 
-def _cut(text: str, n_letters: float) -> str:
+def _shortened(text: str, n_letters: float) -> str:
     return text if len(text) <= n_letters else text[: int(n_letters) - 1].rstrip() + "…"
 
 
@@ -174,13 +174,15 @@ def _legend(lines: list[list[tuple[float, str, str]]]) -> str:
     )
 
 
-def _style(colours: dict[str, str] | None) -> str:
+def _style_sheet(colours: dict[str, str] | None) -> str:
     if colours is not None:
-        return SHAPES + _paint(colours)
-    return f"{SHAPES}{_paint(LIGHT)}@media(prefers-color-scheme:dark){{{_paint(DARK)}}}"
+        return SHAPES + _colour_rules(colours)
+    return (
+        f"{SHAPES}{_colour_rules(LIGHT)}@media(prefers-color-scheme:dark){{{_colour_rules(DARK)}}}"
+    )
 
 
-def _paint(c: dict[str, str]) -> str:
+def _colour_rules(c: dict[str, str]) -> str:
     return (
         f".paper{{fill:{c['bg']}}}.plot{{fill:{c['plot']}}}.h,.name{{fill:{c['ink']}}}"
         f".words,.tick{{fill:{c['soft']}}}.tick{{stroke:{c['plot']}}}.grid{{stroke:{c['line']}}}"

@@ -116,7 +116,7 @@ def read_keys(path: Path) -> tuple[KnownKey, ...]:
             "wrong_keys", f"{path} is no file of receipt keys.", "Run: exceptiondrive receipt keys"
         ) from None
     require_true_ids(found, str(path))
-    return tuple(_known(key, key.server or found.server) for key in found.keys)
+    return tuple(_known_key(key, key.server or found.server) for key in found.keys)
 
 
 def remembered_keys() -> tuple[KnownKey, ...]:
@@ -139,7 +139,7 @@ def remember_keys(found: ReceiptKeys) -> Path:
     require_true_ids(found, found.server or "The server")
     held = {(key.key_id, key.server): key for key in remembered_keys()}
     for key in found.keys:
-        held.setdefault((key.key_id, found.server), _known(key, found.server))
+        held.setdefault((key.key_id, found.server), _known_key(key, found.server))
     kept = KnownKeys(keys=tuple(held.values()))
     return write_settings_file(keys_path(), kept.model_dump_json(by_alias=True))
 
@@ -171,7 +171,7 @@ def _has_true_id(key: ReceiptKey) -> bool:
         return False
 
 
-def _known(key: ReceiptKey, server: str | None) -> KnownKey:
+def _known_key(key: ReceiptKey, server: str | None) -> KnownKey:
     known_here = {name: getattr(key, name) for name in ReceiptKey.model_fields}
     return KnownKey(**known_here, server=server)
 

@@ -94,7 +94,7 @@ class Journal:
         self._size_bytes = self._stream.tell()
         if self._size_bytes == 0:
             try:
-                self._append(self._header())
+                self._append(self._header_line())
             except RecorderError:
                 self._stream.close()
                 raise
@@ -141,7 +141,7 @@ class Journal:
                 f"what is recorded stays in {self.journal_path}"
             )
         self._require_alone()
-        document = dict(self._header(), predictions=list(self._predictions.values()))
+        document = dict(self._header_line(), predictions=list(self._predictions.values()))
         try:
             _write_in_one_step(self.path, document)
         except OSError as error:
@@ -158,7 +158,7 @@ class Journal:
         with self._os_errors_told():
             self._stream.close()
 
-    def _record(self, prediction: Dict[str, Any]) -> None:
+    def _take_prediction(self, prediction: Dict[str, Any]) -> None:
         sample_id = prediction["sample_id"]
         if not isinstance(sample_id, str) or not 1 <= len(sample_id) <= 128:
             raise RecorderError(f"sample_id must be text of 1 to 128 characters: {sample_id!r}")
@@ -172,7 +172,7 @@ class Journal:
         self._append(prediction)
         self._predictions[sample_id] = prediction
 
-    def _header(self) -> Dict[str, Any]:
+    def _header_line(self) -> Dict[str, Any]:
         return {"schema": self.schema, "split": self.split}
 
     def _append(self, value: Dict[str, Any]) -> None:
@@ -223,7 +223,7 @@ class Journal:
             whole = data[: data.rfind(b"\n") + 1]
             journal.truncate(len(whole))
         lines = [self._parse(line) for line in whole.splitlines()]
-        if lines and lines[0] != self._header():
+        if lines and lines[0] != self._header_line():
             raise RecorderError(
                 f"{self.journal_path} belongs to another recording ({lines[0]}); "
                 "remove it, or record to another path"
@@ -259,7 +259,7 @@ class Recorder(Journal):
         Raises:
             RecorderError: Wrong number of waypoints, wrong shape, or a value that is not finite.
         """
-        self._record(
+        self._take_prediction(
             {
                 "sample_id": sample_id,
                 "source": _trajectory(source, f"{sample_id}: source"),
@@ -305,9 +305,9 @@ class StrategyRecorder(Journal):
                     f"{sample_id}: unknown reminder key {', '.join(unknown)}; "
                     f"known are {', '.join(REMINDER_KEYS)}"
                 )
-            prediction["reminder"] = {key: _plain(value) for key, value in reminder.items()}
+            prediction["reminder"] = {key: _as_lists(value) for key, value in reminder.items()}
             _require_sound(prediction)
-        self._record(prediction)
+        self._take_prediction(prediction)
 
 
 def _require_sound(prediction: Dict[str, Any]) -> None:
@@ -326,7 +326,7 @@ def _require_sound(prediction: Dict[str, Any]) -> None:
 
 def _trajectory(value: Any, where: str) -> Optional[List[List[float]]]:
     """Return six `[x, y]` pairs of plain floats, or None."""
-    value = _plain(value)
+    value = _as_lists(value)
     if value is None:
         return None
     if not isinstance(value, (list, tuple)):
@@ -339,20 +339,20 @@ def _trajectory(value: Any, where: str) -> Optional[List[List[float]]]:
             hint = "; take those at 0.5, 1.0, ... 3.0 s: at 10 a second trajectory[4::5][:6]"
         elif len(value) == 1:
             hint = "; take the one trajectory out of its batch: trajectory[0]"
-        elif len(value) == 2 and hasattr(_plain(value[0]), "__len__") and len(value[0]) == WAYPOINTS:
+        elif len(value) == 2 and hasattr(_as_lists(value[0]), "__len__") and len(value[0]) == WAYPOINTS:
             hint = "; a row of x and one of y: trajectory.T"
         raise RecorderError(f"{where} needs exactly {WAYPOINTS} waypoints, got {len(value)}{hint}")
     return [_waypoint(point, f"{where}[{i}]") for i, point in enumerate(value)]
 
 
 def _waypoint(point: Any, where: str) -> List[float]:
-    point = _plain(point)
+    point = _as_lists(point)
     if not isinstance(point, (list, tuple)):
         raise RecorderError(f"{where} must be [x, y], got {point!r}")
     if len(point) != 2:
         hint = "; leave out the heading: trajectory[:, :2]" if len(point) == 3 else ""
         raise RecorderError(f"{where} must be [x, y], got {point!r}{hint}")
-    return [_coordinate(_plain(number), where) for number in point]
+    return [_coordinate(_as_lists(number), where) for number in point]
 
 
 def _coordinate(number: Any, where: str) -> float:
@@ -369,7 +369,7 @@ def _coordinate(number: Any, where: str) -> float:
     return float(number)
 
 
-def _plain(value: Any) -> Any:
+def _as_lists(value: Any) -> Any:
     """Turn arrays, tensors and their scalars into lists and numbers."""
     if not hasattr(value, "tolist") and hasattr(value, "__array__"):
         value = value.__array__()

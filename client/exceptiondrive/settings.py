@@ -52,7 +52,7 @@ def find_setting(name: str, option: str | None = None) -> Setting:
         return Setting(option, f"--{name}")
     if value := os.environ.get(VARIABLES[name], "").strip():
         return Setting(value, VARIABLES[name])
-    kept = _read().get(name)
+    kept = _read_file().get(name)
     return Setting(kept, str(config_path())) if kept else Setting(None, "")
 
 
@@ -80,7 +80,7 @@ def keep_setting(name: str, value: str | None) -> Path:
         InvalidArgumentError: There is no such setting, or the file cannot be written.
     """
     require_known(name)
-    settings = _read()
+    settings = _read_file()
     settings.pop(name, None)
     settings |= {} if value is None else {name: value}
     lines = (f"{key} = {json.dumps(each, ensure_ascii=False)}\n" for key, each in settings.items())
@@ -127,7 +127,7 @@ def require_known(name: str, place: str = "") -> None:
     raise InvalidArgumentError("wrong_setting", f"{place}There is no setting {name!r}.", hint)
 
 
-def _read() -> dict[str, str]:
+def _read_file() -> dict[str, str]:
     from exceptiondrive_schemas.python310 import tomllib
 
     path = config_path()

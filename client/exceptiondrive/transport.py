@@ -128,7 +128,9 @@ class _CountingStream(io.BytesIO):
         return chunk
 
 
-def _whole(packed: httpx.Response, on_progress: Progress | None, max_bytes: int) -> httpx.Response:
+def _read_body(
+    packed: httpx.Response, on_progress: Progress | None, max_bytes: int
+) -> httpx.Response:
     """Return an answer with its body, unpacked, which has an end; tell how much of it has come."""
     size, body = int(packed.headers.get("content-length", 0)), bytearray()
     for part in packed.iter_bytes():
@@ -339,7 +341,9 @@ class Transport:
             max_bytes: Of the answer, unpacked.
         """
         params = {key: value for key, value in (query or {}).items() if value is not None}
-        return self._send("GET", path, lambda: {"params": params}, True, on_progress, max_bytes)
+        return self._send_once(
+            "GET", path, lambda: {"params": params}, True, on_progress, max_bytes
+        )
 
     def post(
         self, path: str, body: Callable[[], dict[str, Any]], is_repeatable: bool = True
@@ -352,7 +356,7 @@ class Transport:
             is_repeatable: Whether the same request twice is as good as once: the server recognises
                 the same upload, and withdrawing twice is one.
         """
-        return self._send("POST", path, body, is_repeatable)
+        return self._send_once("POST", path, body, is_repeatable)
 
     def post_once(
         self, path: str, document: Mapping[str, Any], *, with_none: bool = False
@@ -378,7 +382,7 @@ class Transport:
 
     def send_patch(self, path: str, changes: Mapping[str, Any]) -> httpx.Response:
         """PATCH as `patch` does; return the answer unread."""
-        return self._send("PATCH", path, lambda: {"json": dict(changes)})
+        return self._send_once("PATCH", path, lambda: {"json": dict(changes)})
 
     def record(self, path: str, query: Query | None = None) -> Record:
         """GET one JSON object."""
@@ -388,7 +392,7 @@ class Transport:
         """GET a list of JSON objects."""
         return read_answer(_RECORDS.validate_json, self.get(path, query))
 
-    def _send(
+    def _send_once(
         self,
         method: str,
         path: str,
@@ -399,7 +403,7 @@ class Transport:
     ) -> httpx.Response:
         def request() -> httpx.Response:
             with self._http.stream(method, path, **arguments()) as packed:
-                return _whole(packed, on_progress, max_bytes)
+                return _read_body(packed, on_progress, max_bytes)
 
         if self._http.is_closed:
             raise InvalidArgumentError(

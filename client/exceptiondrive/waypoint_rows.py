@@ -65,7 +65,7 @@ def pairs_of_rows(path: Path, rows: Iterable[tuple[str, dict[str, Any]]]) -> Ite
     for where, row in rows:
         if row.get("trajectory") not in SIDES:
             raise fault(path, f"{where}: trajectory must be source or edited.")
-        step, point = _row(path, where, row)
+        step, point = _step_and_numbers(path, where, row)
         if not isinstance(row.get("sample_id"), str | int):
             raise fault(path, f"{where}: sample_id must be a text.")
         of_side = points.setdefault(str(row["sample_id"]), {}).setdefault(row["trajectory"], {})
@@ -77,7 +77,7 @@ def pairs_of_rows(path: Path, rows: Iterable[tuple[str, dict[str, Any]]]) -> Ite
         yield RawPair(sample_id, source, edited)
 
 
-def _row(path: Path, where: str, row: dict[str, Any]) -> tuple[int, tuple[float, ...]]:
+def _step_and_numbers(path: Path, where: str, row: dict[str, Any]) -> tuple[int, tuple[float, ...]]:
     heading = row.get("heading_rad")
     try:
         numbers = (row["x_m"], row["y_m"], *(() if heading in (None, "") else (heading,)))

@@ -43,7 +43,7 @@ BaseUrl = Annotated[
 Model = Annotated[str, typer.Option(help="The endpoint's name of the model.")]
 
 
-def _asking(
+def _shared_options(
     protocol: Annotated[
         Path | None,
         typer.Option(help="Protocol (TOML) with the taxonomy; by default the one that ships."),
@@ -88,8 +88,8 @@ def _asking(
     """Hold the options that both commands have after their own."""
 
 
-def _command(ask: "Callable[..., RunReport]") -> Callable[..., None]:
-    """Return a command with the options of `_asking` besides, that shows the report of a run.
+def _run_command(ask: "Callable[..., RunReport]") -> Callable[..., None]:
+    """Return a command with the options of `_shared_options` besides, that shows the report of a run.
 
     It fails when samples could not be asked, or none has an answer.
     """
@@ -120,10 +120,10 @@ def _command(ask: "Callable[..., RunReport]") -> Callable[..., None]:
             raise typer.Exit(AgentError.exit_code)
 
     *own, _ = signature(ask).parameters.values()
-    return options.taking(command, [*own, *signature(_asking).parameters.values()])
+    return options.with_parameters(command, [*own, *signature(_shared_options).parameters.values()])
 
 
-@_command
+@_run_command
 def remind(
     images: Images,
     out: Annotated[Path, typer.Option(help="Journal of the reminder records.")],
@@ -144,7 +144,7 @@ def remind(
     return run.remind(images, out, _settings(base_url, model, asking), manifest)
 
 
-@_command
+@_run_command
 def decide(
     images: Images,
     manifest: Annotated[Path, typer.Option(help="The split's public manifest.")],

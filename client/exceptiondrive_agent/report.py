@@ -80,7 +80,7 @@ def run_report(
         asked=len(lines),
         done=sum(line.is_done for line in lines),
         failed=dict(failed.most_common()),
-        failure=_failure(lines),
+        failure=_most_telling_failure(lines),
         given_reminders=sum(line.given_reminder_digest is not None for line in lines),
         requests=requests,
         prompt_tokens=prompt,
@@ -95,7 +95,7 @@ def run_report(
     )
 
 
-def _failure(lines: Sequence[JournalLine]) -> str | None:
+def _most_telling_failure(lines: Sequence[JournalLine]) -> str | None:
     """Return one failure in words: what keeps most from an answer, and says most, comes first."""
     failed = [(line.reason, line.detail) for line in lines if line.reason is not None]
     failed.sort(key=lambda each: (not each[0].is_unreachable, each[0] is Reason.NO_IMAGES))

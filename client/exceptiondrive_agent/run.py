@@ -84,8 +84,10 @@ def find_images(source: Path) -> ImagePaths:
     """
     if os.path.isdir(source):
         found = {
-            sample.name: tuple(path for path in _shown(sample) if path.suffix.lower() in _SUFFIXES)
-            for sample in _shown(source)
+            sample.name: tuple(
+                path for path in _visible_files(sample) if path.suffix.lower() in _SUFFIXES
+            )
+            for sample in _visible_files(source)
             if sample.is_dir()
         }
     elif os.path.isfile(source):
@@ -97,7 +99,7 @@ def find_images(source: Path) -> ImagePaths:
     return found
 
 
-def _shown(folder: Path) -> list[Path]:
+def _visible_files(folder: Path) -> list[Path]:
     """What a folder holds, by name, but the files that systems hide there, such as `._1.jpg`."""
     return sorted(path for path in folder.iterdir() if not path.name.startswith("."))
 

@@ -66,7 +66,7 @@ def json_object(text: str) -> dict[str, Any]:
 def _decode_whole(text: str) -> Any:
     """Decode an answer that is JSON and nothing else, whatever its texts hold; else None."""
     try:
-        return json.loads(text, object_pairs_hook=_unique, parse_constant=_refuse_constant)
+        return json.loads(text, object_pairs_hook=_unique_keys, parse_constant=_refuse_constant)
     except json.JSONDecodeError:
         return None
 
@@ -83,10 +83,10 @@ def _answer_part(text: str) -> str:
 def _decode(body: str) -> Any:
     """Decode `body`, or the one object at its end; an object before it makes it ambiguous."""
     start = 0 if body[:1] in ('"', "[") else max(body.find("{"), 0)
-    return json.loads(body[start:], object_pairs_hook=_unique, parse_constant=_refuse_constant)
+    return json.loads(body[start:], object_pairs_hook=_unique_keys, parse_constant=_refuse_constant)
 
 
-def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+def _unique_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     keys = [key for key, _ in pairs]
     repeated = sorted({key for key in keys if keys.count(key) > 1})
     if repeated:

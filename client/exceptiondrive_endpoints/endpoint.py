@@ -145,7 +145,7 @@ _Count = Annotated[
 ]
 
 
-def _either(chat: str, pictures: str) -> AliasChoices:
+def _alias_choices(chat: str, pictures: str) -> AliasChoices:
     """The name of a count in an answer of chat completions, and in one of `images/edits`."""
     return AliasChoices(f"{chat}_tokens", f"{pictures}_tokens")
 
@@ -153,8 +153,10 @@ def _either(chat: str, pictures: str) -> AliasChoices:
 class Usage(BaseModel):
     """Tokens that the endpoint says it counted; some say null for none."""
 
-    prompt_tokens: _Count = Field(default=0, validation_alias=_either("prompt", "input"))
-    completion_tokens: _Count = Field(default=0, validation_alias=_either("completion", "output"))
+    prompt_tokens: _Count = Field(default=0, validation_alias=_alias_choices("prompt", "input"))
+    completion_tokens: _Count = Field(
+        default=0, validation_alias=_alias_choices("completion", "output")
+    )
 
 
 class _Message(BaseModel):
@@ -364,14 +366,14 @@ class Endpoint:
                 extra_body=request_body(self._model, dialect, messages, name, schema),
             )
             try:
-                completion = self._read(Completion, await self._sent(request))
+                completion = self._read(Completion, await self._sent_or_error(request))
             except (openai.BadRequestError, openai.UnprocessableEntityError) as error:
                 refusal = error
                 dialect = plainer(dialect, error.param)
             else:
                 self._dialect = dialect
                 return completion, dialect
-        raise self._refused(refusal) from None
+        raise self._refusal_error(refusal) from None
 
     async def edit(
         self, image: CleanImage, instruction: str, seed: int | None
@@ -396,20 +398,20 @@ class Endpoint:
                 extra_body={name: value for name, value in extra.items() if value is not None},
             )
             try:
-                return self._read(EditedPicture, await self._sent(request)), untaken
+                return self._read(EditedPicture, await self._sent_or_error(request)), untaken
             except (openai.BadRequestError, openai.UnprocessableEntityError) as error:
                 if error.param not in extra:
-                    raise self._refused(error) from None
+                    raise self._refusal_error(error) from None
                 self._untaken = (*untaken, error.param)
 
     def _read(self, form: type[Answer], body: bytes) -> Answer:
         try:
             return read_answer(form, body)
         except NoAnswerError as error:
-            said = self._clean(error.raw or "") or "it is empty"
+            said = self._without_key(error.raw or "") or "it is empty"
             raise NoAnswerError(error.reason, f"{error.detail}: {said}", error.raw) from None
 
-    async def _sent(self, request: Awaitable[Any]) -> bytes:
+    async def _sent_or_error(self, request: Awaitable[Any]) -> bytes:
         try:
             return bytes((await request).content)
         except openai.APIConnectionError as error:
@@ -418,7 +420,7 @@ class Endpoint:
             raise
         except openai.APIStatusError as error:
             self._stop_if_hopeless(error)
-            raise self._refused(error) from None
+            raise self._refusal_error(error) from None
 
     def _not_connected(self, error: openai.APIConnectionError) -> NoAnswerError:
         cause = error.__cause__ or error
@@ -428,14 +430,14 @@ class Endpoint:
             return NoAnswerError(Reason.TIMEOUT, f"no end of an answer within {within}")
         if isinstance(error, openai.APITimeoutError):
             return NoAnswerError(Reason.TIMEOUT, "no answer in time, after retries")
-        said = self._clean(str(cause)) or type(cause).__name__
+        said = self._without_key(str(cause)) or type(cause).__name__
         if any(words in said for words in _UNKNOWN_SIGNER):
             said += "; if it is yours, name the certificate that signed it in SSL_CERT_FILE"
         detail = f"no connection to {self._settings.base_url}, after retries: {said}"
         return NoAnswerError(Reason.CONNECTION, detail)
 
     def _stop_if_hopeless(self, error: openai.APIStatusError) -> None:
-        said = self._said(error)
+        said = self._message_of(error)
         if error.status_code == 401:
             raise EndpointRefusesError(
                 f"The endpoint refuses the key: {said}.", self._settings.key_advice
@@ -451,31 +453,31 @@ class Endpoint:
                 self._settings.address_advice,
             )
 
-    def _refused(self, error: openai.APIStatusError) -> NoAnswerError:
+    def _refusal_error(self, error: openai.APIStatusError) -> NoAnswerError:
         reason = Reason.REQUEST_REFUSED
         if error.status_code == 429:
             reason = Reason.RATE_LIMITED
         elif error.status_code in (408, 409) or error.status_code >= 500:
             reason = Reason.SERVER_ERROR
-        said = self._said(error)
+        said = self._message_of(error)
         detail = f"HTTP {error.status_code}: {said}" if said else f"HTTP {error.status_code}"
         headers = error.response.headers
         if 300 <= error.status_code < 400 and "location" in headers:
-            to = self._clean(headers["location"])
+            to = self._without_key(headers["location"])
             detail = (
                 f"HTTP {error.status_code}: it leads to {to}, and no redirect is followed; "
                 "if images may go there, that is the address to ask"
             )
         elif "retry-after" in headers:
-            detail += f" (Retry-After: {self._clean(headers['retry-after'])})"
+            detail += f" (Retry-After: {self._without_key(headers['retry-after'])})"
         return NoAnswerError(reason, detail)
 
-    def _said(self, error: openai.APIStatusError) -> str:
+    def _message_of(self, error: openai.APIStatusError) -> str:
         """The endpoint's own words."""
         said = error.body.get("message") if isinstance(error.body, dict) else error.body
-        return self._clean(str(said or error.response.text))
+        return self._without_key(str(said or error.response.text))
 
-    def _clean(self, text: str) -> str:
+    def _without_key(self, text: str) -> str:
         """The beginning of what was said, to stand in a sentence, without the key."""
         key = self._settings.key
         return (text.replace(key, "***") if key else text).strip().rstrip(".")[:300]

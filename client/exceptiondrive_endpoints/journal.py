@@ -32,7 +32,7 @@ else:
         fcntl.flock(file.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
-def _locked(journal: Path) -> IO[bytes]:
+def _hold_lock(journal: Path) -> IO[bytes]:
     """Hold `<journal>.lock` until it is closed. The file stays: only the lock on it counts."""
     file = journal.with_name(f"{journal.name}.lock").open("ab")
     try:
@@ -90,7 +90,7 @@ class Journal(Generic[Header, Line]):
         self.lines: list[Line] = []
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            self._lock = _locked(path)
+            self._lock = _hold_lock(path)
         except OSError as error:
             raise JournalError(f"{path}: {error.strerror}") from None
         try:

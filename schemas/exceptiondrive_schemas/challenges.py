@@ -600,7 +600,7 @@ class _Known:
     def __get_pydantic_core_schema__(
         self, source: Any, handler: GetCoreSchemaHandler
     ) -> CoreSchema:
-        return no_info_after_validator_function(_known, handler(source))
+        return no_info_after_validator_function(_known_challenge, handler(source))
 
     def __get_pydantic_json_schema__(
         self, schema: CoreSchema, handler: GetJsonSchemaHandler
@@ -608,7 +608,7 @@ class _Known:
         return {**handler(schema), "enum": list(CHALLENGES)}
 
 
-def _known(challenge_id: str) -> ChallengeId:
+def _known_challenge(challenge_id: str) -> ChallengeId:
     if challenge_id not in CHALLENGES:
         raise ValueError(f"must be one of {', '.join(CHALLENGES)}")
     return ChallengeId(challenge_id)

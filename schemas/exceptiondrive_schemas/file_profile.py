@@ -36,10 +36,10 @@ class Mend(Document):
             cure = f"mend it by {CONVERT} {self.convert_option}`"
         else:
             cure = ": ".join(filter(None, ("no conversion can mend that", self.by_hand)))
-        return f"The file looks like {self.looks_like}{self._fit}; {cure}."
+        return f"The file looks like {self.looks_like}{self._fit_text}; {cure}."
 
     @property
-    def _fit(self) -> str:
+    def _fit_text(self) -> str:
         if self.error is None or self.mended_error is None:
             return ""
         as_is = "" if self.error == self.mended_error else f", {self.error:.0%} as they are"
@@ -80,14 +80,14 @@ class FileProfile(Document):
     def lines(self) -> tuple[tuple[str, str], ...]:
         """What there is to tell, as a label and a few words each."""
         told = (
-            ("source speed", self._speeds),
-            ("source L2", self._distances),
+            ("source speed", self._speeds_text),
+            ("source L2", self._distances_text),
             (
                 "standing still",
-                _listed(("sources", self.standing_sources), ("edited", self.standing_edited)),
+                _shares_text(("sources", self.standing_sources), ("edited", self.standing_edited)),
             ),
-            ("equal pairs", _listed(("source and edited alike", self.equal_pairs))),
-            ("longer source", _listed(("the source is the longer one", self.longer_sources))),
+            ("equal pairs", _shares_text(("source and edited alike", self.equal_pairs))),
+            ("longer source", _shares_text(("the source is the longer one", self.longer_sources))),
         )
         return tuple((label, words) for label, words in told if words)
 
@@ -97,10 +97,10 @@ class FileProfile(Document):
         if self.mend is not None:
             return (self.mend.sentence,)
         slow = (self.source_speed_mps or 0.0) < TOO_SLOW * (self.recorded_speed_mps or 0.0)
-        return (f"The sources look too slow: {self._speeds}.",) if slow else ()
+        return (f"The sources look too slow: {self._speeds_text}.",) if slow else ()
 
     @property
-    def _speeds(self) -> str:
+    def _speeds_text(self) -> str:
         if self.source_speed_mps is None:
             return ""
         recorded = self.recorded_speed_mps
@@ -108,7 +108,7 @@ class FileProfile(Document):
         return f"median {self.source_speed_mps:.2f} m/s{beside}"
 
     @property
-    def _distances(self) -> str:
+    def _distances_text(self) -> str:
         at = (
             ("at 1 s", self.source_l2_1s_m),
             ("at 2 s", self.source_l2_2s_m),
@@ -119,5 +119,5 @@ class FileProfile(Document):
         return ", ".join(f"{what} {metres:.2f} m" for what, metres in at if metres is not None)
 
 
-def _listed(*shares: tuple[str, float | None]) -> str:
+def _shares_text(*shares: tuple[str, float | None]) -> str:
     return ", ".join(f"{what} {share:.1%}" for what, share in shares if share is not None)

@@ -34,12 +34,12 @@ def read_newer(read: Callable[[str | bytes], _Read], answer: str | bytes) -> _Re
             known = [_known_instead(fault) for fault in faults]
             said = json.loads(answer)
             for fault, instead in zip(faults, known, strict=True):
-                said = _put(said, fault["loc"], instead)
+                said = _with_value_at(said, fault["loc"], instead)
         except (LookupError, TypeError):
             raise error from None
     found = read(json.dumps(said))
     for fault in faults:
-        found = _put(found, fault["loc"], fault["input"])
+        found = _with_value_at(found, fault["loc"], fault["input"])
     return found
 
 
@@ -55,19 +55,19 @@ def _known_instead(fault: ErrorDetails) -> Any:
     return bounds["le" if fault["type"] == "less_than_equal" else "ge"]
 
 
-def _put(into: Any, place: tuple[int | str, ...], value: Any) -> Any:
+def _with_value_at(into: Any, place: tuple[int | str, ...], value: Any) -> Any:
     """Return lists, objects or documents with a value at a place."""
     if not place:
-        return _member(type(into), value) if isinstance(into, StrEnum) else value
+        return _new_member(type(into), value) if isinstance(into, StrEnum) else value
     key, *rest = place
     if isinstance(into, tuple):
-        return tuple(_put(list(into), place, value))
+        return tuple(_with_value_at(list(into), place, value))
     inside: Any = into.__dict__ if isinstance(into, BaseModel) else into  # nobody else has it yet
-    inside[key] = _put(inside[key], tuple(rest), value)
+    inside[key] = _with_value_at(inside[key], tuple(rest), value)
     return into
 
 
-def _member(kind: type[StrEnum], word: str) -> StrEnum:
+def _new_member(kind: type[StrEnum], word: str) -> StrEnum:
     """Return a member for a word of a newer server; no list of them has it."""
     member = str.__new__(kind, word)
     member._name_ = member._value_ = word

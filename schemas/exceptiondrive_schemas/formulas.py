@@ -14,22 +14,22 @@ def _of_sample(name: str) -> str:
     return f"<msub><mi>{name}</mi><mi>i</mi></msub>"
 
 
-def _signs(text: str) -> str:
+def _operators(text: str) -> str:
     return "".join(f"<mo>{sign}</mo>" for sign in text.split())
 
 
-def _row(*parts: str) -> str:
+def _math_row(*parts: str) -> str:
     return f"<mrow>{''.join(parts)}</mrow>"
 
 
-def _at(time: str, kind: str) -> str:
+def _waypoint_at(time: str, kind: str) -> str:
     """A waypoint of a sample, of the source (`o`) or the edited (`e`) trajectory."""
-    below = _row("<mi>i</mi>", _signs(","), f"<mi>{time}</mi>")
+    below = _math_row("<mi>i</mi>", _operators(","), f"<mi>{time}</mi>")
     return f"<msubsup><mi>&tau;</mi>{below}<mi>{kind}</mi></msubsup>"
 
 
-def _mean(*parts: str) -> str:
-    return f'<math display="block">{_row(_MEAN, *parts)}</math>'
+def _mean_formula(*parts: str) -> str:
+    return f'<math display="block">{_math_row(_MEAN, *parts)}</math>'
 
 
 def over_families(formula: str) -> str:
@@ -37,52 +37,73 @@ def over_families(formula: str) -> str:
     return formula.replace(_MEAN, _FAMILY_MEAN)
 
 
-_SAFE_PART = (_signs("("), _ONE, _signs("&minus;"), _of_sample("ur"), _signs(")"))
-_CAUTION = f"<mi>c</mi>{_signs('(')}{{}}{_signs(')')}"
+_SAFE_PART = (_operators("("), _ONE, _operators("&minus;"), _of_sample("ur"), _operators(")"))
+_CAUTION = f"<mi>c</mi>{_operators('(')}{{}}{_operators(')')}"
 
-HCC = _mean(
-    _row(*_SAFE_PART),
+HCC = _mean_formula(
+    _math_row(*_SAFE_PART),
     "<mi>min</mi>",
-    _row(_signs("("), f"<mfrac>{_of_sample('d')}{_D_SAFE}</mfrac>", _signs(","), _ONE, _signs(")")),
-)
-UR = _mean(
-    _ONE,
-    _row(
-        _signs("["), _of_sample("coll"), _signs("&cap;"), _of_sample("H"), _signs("&ne; &empty; ]")
+    _math_row(
+        _operators("("),
+        f"<mfrac>{_of_sample('d')}{_D_SAFE}</mfrac>",
+        _operators(","),
+        _ONE,
+        _operators(")"),
     ),
 )
-HPR = _mean(
+UR = _mean_formula(
+    _ONE,
+    _math_row(
+        _operators("["),
+        _of_sample("coll"),
+        _operators("&cap;"),
+        _of_sample("H"),
+        _operators("&ne; &empty; ]"),
+    ),
+)
+HPR = _mean_formula(
     "<mfrac>",
-    _row(*_SAFE_PART, _D_SAFE),
-    _row(_signs("|"), _of_sample("d"), _signs("&minus;"), _D_SAFE, _signs("| +"), _D_SAFE),
+    _math_row(*_SAFE_PART, _D_SAFE),
+    _math_row(
+        _operators("|"), _of_sample("d"), _operators("&minus;"), _D_SAFE, _operators("| +"), _D_SAFE
+    ),
     "</mfrac>",
 )
-CTS = _mean(
-    f"<mfrac>{_ONE}{_row('<mi>T</mi>', _signs('+'), _ONE)}</mfrac>",
+CTS = _mean_formula(
+    f"<mfrac>{_ONE}{_math_row('<mi>T</mi>', _operators('+'), _ONE)}</mfrac>",
     "<munder><mo>&sum;</mo><mi>t</mi></munder>",
-    _row(_signs("&Vert;"), _at("t", "e"), _signs("&minus;"), _at("t", "o"), _signs("&Vert;")),
-)
-ACCURACY = _mean(
-    _ONE, _row(_signs("["), _of_sample("s"), _signs("&isin;"), _of_sample("A"), _signs("]"))
-)
-UNDER_WARNING = _mean(
-    _ONE,
-    _row(
-        _signs("["),
-        _of_sample("s"),
-        _signs("&notin;"),
-        _of_sample("A"),
-        _signs(","),
-        _CAUTION.format(_of_sample("s")),
-        _signs("&lt;"),
-        "<mi>min</mi>",
-        _CAUTION.format(_of_sample("A")),
-        _signs("]"),
+    _math_row(
+        _operators("&Vert;"),
+        _waypoint_at("t", "e"),
+        _operators("&minus;"),
+        _waypoint_at("t", "o"),
+        _operators("&Vert;"),
     ),
 )
-PROGRESS = _mean(
+ACCURACY = _mean_formula(
+    _ONE,
+    _math_row(
+        _operators("["), _of_sample("s"), _operators("&isin;"), _of_sample("A"), _operators("]")
+    ),
+)
+UNDER_WARNING = _mean_formula(
+    _ONE,
+    _math_row(
+        _operators("["),
+        _of_sample("s"),
+        _operators("&notin;"),
+        _of_sample("A"),
+        _operators(","),
+        _CAUTION.format(_of_sample("s")),
+        _operators("&lt;"),
+        "<mi>min</mi>",
+        _CAUTION.format(_of_sample("A")),
+        _operators("]"),
+    ),
+)
+PROGRESS = _mean_formula(
     "<mfrac>",
-    _row("<mi>s</mi>", _signs("("), _at("T", "e"), _signs(")")),
-    _row("<mi>s</mi>", _signs("("), _at("T", "o"), _signs(")")),
+    _math_row("<mi>s</mi>", _operators("("), _waypoint_at("T", "e"), _operators(")")),
+    _math_row("<mi>s</mi>", _operators("("), _waypoint_at("T", "o"), _operators(")")),
     "</mfrac>",
 )

@@ -55,7 +55,7 @@ def _each_once(sensors: tuple[Sensor, ...]) -> tuple[Sensor, ...]:
     return tuple(sensor for sensor in LABELS["sensors"] if sensor in sensors)
 
 
-def _titled(name: str) -> JsonDict:
+def _choice_titles(name: str) -> JsonDict:
     """What a form made of the JSON Schema calls each choice."""
     return {"x-titles": dict(LABELS[name])}
 
@@ -74,7 +74,7 @@ class MethodFacts(Document):
         default=None,
         title="Type",
         description="What kind of planner or agent it is.",
-        json_schema_extra=_titled("type"),
+        json_schema_extra=_choice_titles("type"),
     )
     type_note: str = Field(
         default="", max_length=60, title="Type in words", description="Where no type fits."
@@ -84,19 +84,19 @@ class MethodFacts(Document):
         strict=False,
         title="Sensors",
         description="What it looks at.",
-        json_schema_extra=_titled("sensors"),
+        json_schema_extra=_choice_titles("sensors"),
     )
     map: Literal["none", "sd", "hd"] | None = Field(
         default=None,
         title="Map",
         description="Which map it uses.",
-        json_schema_extra=_titled("map"),
+        json_schema_extra=_choice_titles("map"),
     )
     extra_data: Literal["none", "public", "private"] | None = Field(
         default=None,
         title="Extra data",
         description="Driving data beyond what the benchmark gives, in training or prompts.",
-        json_schema_extra=_titled("extra_data"),
+        json_schema_extra=_choice_titles("extra_data"),
     )
     extra_data_note: str = Field(
         default="", max_length=200, title="Which extra data", description="Names of data sets."
@@ -105,13 +105,13 @@ class MethodFacts(Document):
         default=None,
         title="Open code",
         description="Whether anyone can read the code.",
-        json_schema_extra=_titled("open_code"),
+        json_schema_extra=_choice_titles("open_code"),
     )
     open_weights: YesNo | None = Field(
         default=None,
         title="Open weights",
         description="Whether anyone can have the weights.",
-        json_schema_extra=_titled("open_weights"),
+        json_schema_extra=_choice_titles("open_weights"),
     )
     parameters_millions: float | None = Field(
         default=None,

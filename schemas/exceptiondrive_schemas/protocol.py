@@ -205,8 +205,8 @@ class ProtocolDocument(Document):
     @model_validator(mode="after")
     def _under_warning_sets_follow_from_caution(self) -> Self:
         wrong = [
-            f"under_warning of task {task.id} must be {_listed(expected)}, not "
-            f"{_listed(task.under_warning)}"
+            f"under_warning of task {task.id} must be {_strategy_list(expected)}, not "
+            f"{_strategy_list(task.under_warning)}"
             for task in self.tasks
             if set(expected := self.grading.under_warning(task.acceptable))
             != set(task.under_warning)
@@ -223,34 +223,34 @@ class ProtocolDocument(Document):
     @cached_property
     def digest(self) -> str:
         """Digest of the whole document."""
-        return content_digest(_stated(self))
+        return content_digest(_digest_value(self))
 
     @cached_property
     def geometry_digest(self) -> str:
         """Digest of what `measure` reads."""
-        return content_digest(_stated(self.geometry))
+        return content_digest(_digest_value(self.geometry))
 
     @cached_property
     def grading_digest(self) -> str:
         """Digest of what `grade` reads besides measurements and the split."""
         return content_digest(
             {
-                "grading": _stated(self.grading),
-                "plausibility": _stated(self.plausibility),
-                "taxonomy": _stated(self.taxonomy),
+                "grading": _digest_value(self.grading),
+                "plausibility": _digest_value(self.plausibility),
+                "taxonomy": _digest_value(self.taxonomy),
             }
         )
 
     @cached_property
     def plausibility_digest(self) -> str:
         """Digest of what `grade` reads where it reads no required clearance."""
-        return content_digest(_stated(self.plausibility))
+        return content_digest(_digest_value(self.plausibility))
 
     @cached_property
     def ranking_digest(self) -> str:
         """Digest of what `rank` reads besides score sheets."""
         return content_digest(
-            {"ranking": _stated(self.ranking), "publication": _stated(self.publication)}
+            {"ranking": _digest_value(self.ranking), "publication": _digest_value(self.publication)}
         )
 
 
@@ -259,18 +259,18 @@ _DIGESTED_DEFAULTS = frozenset({"d_safe_scale", "sensitivity_factors", "compared
 a protocol that leaves it out keeps its digest, and so every result made under it stays valid."""
 
 
-def _stated(value: Any) -> Any:
+def _digest_value(value: Any) -> Any:
     """Return what digests are made of: the value as JSON without the fields left at a default."""
     if isinstance(value, Document):
         return {
-            field.alias or name: _stated(getattr(value, name))
+            field.alias or name: _digest_value(getattr(value, name))
             for name, field in type(value).model_fields.items()
             if name in _DIGESTED_DEFAULTS
             or getattr(value, name) != field.get_default(call_default_factory=True)
         }
     if isinstance(value, dict):
-        return {key: _stated(item) for key, item in value.items()}
-    return [_stated(item) for item in value] if isinstance(value, tuple) else value
+        return {key: _digest_value(item) for key, item in value.items()}
+    return [_digest_value(item) for item in value] if isinstance(value, tuple) else value
 
 
 _MODELS: Mapping[str, type[Document]] = {
@@ -285,7 +285,7 @@ _MODELS: Mapping[str, type[Document]] = {
 }
 
 
-def _listed(strategies: Collection[Strategy]) -> str:
+def _strategy_list(strategies: Collection[Strategy]) -> str:
     return f"[{', '.join(strategies)}]"
 
 

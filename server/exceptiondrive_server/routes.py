@@ -62,7 +62,7 @@ from exceptiondrive_server.teams import organizer_pages as organizer_team_pages
 from exceptiondrive_server.teams import pages as team_pages
 from exceptiondrive_server.web import health, responses
 from exceptiondrive_server.web.auth import organizer
-from exceptiondrive_server.web.organizer_frame import organizing
+from exceptiondrive_server.web.organizer_frame import signed_in_organizer
 from exceptiondrive_server.web.parameters import known_parameters
 from exceptiondrive_server.web.problems import problem_responses
 
@@ -173,4 +173,6 @@ ROUTES.include_router(health.router)
 for _part in PAGES:
     ROUTES.include_router(_part, include_in_schema=False)
 for _part in _ORGANIZER_PAGES:
-    ROUTES.include_router(_part, include_in_schema=False, dependencies=[Depends(organizing)])
+    ROUTES.include_router(
+        _part, include_in_schema=False, dependencies=[Depends(signed_in_organizer)]
+    )

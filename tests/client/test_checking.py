@@ -6,7 +6,7 @@ from tests.support.full_disk import room_for
 
 from exceptiondrive import InvalidArgumentError, Recorder, StrategyRecorder, check_file
 from exceptiondrive.checking import manifest_of, write_file
-from exceptiondrive.cli.output import saved
+from exceptiondrive.cli.output import save_new
 from exceptiondrive.inputs import given_split
 from exceptiondrive_schemas.protocol import packaged_protocol
 from exceptiondrive_schemas.split import Manifest
@@ -48,7 +48,7 @@ def test_a_full_disk_keeps_no_half_of_a_file(tmp_path: Path) -> None:
         with pytest.raises(InvalidArgumentError, match=r"kept\.json cannot be written"):
             write_file(kept, b"x" * 1_000)
         with pytest.raises(InvalidArgumentError, match=r"new\.json cannot be written"):
-            saved(new, b"x" * 1_000)
+            save_new(new, b"x" * 1_000)
     assert kept.read_text() == "{}"
     assert sorted(tmp_path.iterdir()) == [kept]
 

@@ -25,7 +25,7 @@ def _asks_though_a_job_waits(_: Any) -> Callable[..., Any]:
 
     from exceptiondrive_records.rescoring import progress
 
-    return lambda phase_id, key, limit: progress._scored(phase_id).where(
+    return lambda phase_id, key, limit: progress._scored_submissions(phase_id).where(
         not_(progress._has_sheet(key))
     )
 
@@ -35,7 +35,7 @@ def _asks_though_a_sheet_is_there(_: Any) -> Callable[..., Any]:
 
     from exceptiondrive_records.rescoring import progress
 
-    return lambda phase_id, key, limit: progress._scored(phase_id).where(
+    return lambda phase_id, key, limit: progress._scored_submissions(phase_id).where(
         not_(progress._jobs_of(key).exists())
     )
 
@@ -68,7 +68,7 @@ def _always_newer(_: Any) -> Callable[..., Any]:
 
 def _kept_by_halves(_: Any) -> Callable[..., Any]:
     """What a transaction did before it broke off stays."""
-    from exceptiondrive_records.db.database import _end
+    from exceptiondrive_records.db.database import _end_transaction
 
     @contextmanager
     def write(database: Any) -> Iterator[Any]:
@@ -77,16 +77,16 @@ def _kept_by_halves(_: Any) -> Callable[..., Any]:
                 yield session
             finally:
                 session.flush()
-                _end(session)
+                _end_transaction(session)
                 session.commit()
 
     return write
 
 
 def _compared_each_time(_: Any) -> Callable[..., Any]:
-    from exceptiondrive_records.rescoring.comparison import _compared
+    from exceptiondrive_records.rescoring.comparison import _compare_rows
 
-    return _compared
+    return _compare_rows
 
 
 def _every_revision(_: Any) -> Callable[..., Any]:
@@ -234,13 +234,13 @@ RESCORING = (
     ),
     Protection(
         "both-again",
-        f"{RUNS}.fan_out:_sides",
+        f"{RUNS}.fan_out:_both_keys",
         _new_side_alone,
         f"{HERE}/test_flip.py::test_a_lost_job_of_the_earlier_protocol_is_made_again_after_apply",
     ),
     Protection(
         "who-is-told",
-        f"{RECORDS}.notifications.inbox:_changed",
+        f"{RECORDS}.notifications.inbox:_changed_entries",
         _everyone,
         f"{HERE}/test_runs.py::test_only_teams_whose_published_numbers_change_are_told_old_and_new",
     ),

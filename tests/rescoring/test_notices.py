@@ -230,7 +230,7 @@ def test_the_statement_that_claims_a_message_is_made_once(ready: Ready, receiver
     made = []
     while delivery(stage).outcome.value != "sent":
         if send_next(stage.database, settings(delivery_backoff_s=0.001)):
-            made.append(lease._claiming.cache_info().misses)
+            made.append(lease._claim_statement.cache_info().misses)
     assert made == [made[0]] * 3
 
 

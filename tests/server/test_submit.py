@@ -23,7 +23,7 @@ from exceptiondrive_records.work.tables import Job
 from exceptiondrive_schemas.api.submission import SubmissionView
 from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_server.submissions import upload
-from exceptiondrive_server.web.forms import REASON, read
+from exceptiondrive_server.web.forms import REASON, read_form
 
 if TYPE_CHECKING:
     from tests.support.application import Api
@@ -80,9 +80,9 @@ def test_a_text_is_as_long_as_browsers_count_it(api: "Api", as_problem: Problem)
 def test_a_reason_is_as_long_as_browsers_count_it() -> None:
     lines = "\r\n".join(["a word"] * 143)  # 1,000 characters in a browser
     plain = lines.replace("\r\n", "\n")
-    assert read([REASON], FormData([("reason", lines)])) == {"reason": plain}
+    assert read_form([REASON], FormData([("reason", lines)])) == {"reason": plain}
     with pytest.raises(InvalidRecord, match="Reason"):
-        read([REASON], FormData([("reason", f"{lines}x")]))
+        read_form([REASON], FormData([("reason", f"{lines}x")]))
 
 
 def test_the_answer_tells_what_is_left_of_the_quota(api: "Api") -> None:

@@ -93,7 +93,7 @@ class Workshop:
         try:
             return (self.folder / name).read_text(encoding="utf-8")
         except (OSError, UnicodeDecodeError) as error:
-            raise BuildError(f"{self.folder / name}: {_why(error)}.", _ADVICE) from None
+            raise BuildError(f"{self.folder / name}: {_reason_of(error)}.", _ADVICE) from None
 
     def read_changes(self) -> bool:
         """Take in settings, words and scenes that somebody wrote meanwhile; return whether any did.
@@ -114,7 +114,7 @@ class Workshop:
             document = tomllib.loads(self.text(SETTINGS))
             self.settings = WorkshopSettings.model_validate(document, strict=False)
         except (tomllib.TOMLDecodeError, ValidationError) as error:
-            raise BuildError(f"{self.folder / SETTINGS}: {_why(error)}.") from None
+            raise BuildError(f"{self.folder / SETTINGS}: {_reason_of(error)}.") from None
         self._written = self._stamps(self.settings) | {SETTINGS: at}
 
     def _stamps(self, settings: WorkshopSettings) -> dict[str, tuple[int, ...]]:
@@ -173,7 +173,7 @@ class Workshop:
             document = tomllib.loads(self.text(self.settings.task_texts))
             found = TypeAdapter(dict[str, TaskTexts]).validate_python(document, strict=False)
         except (tomllib.TOMLDecodeError, ValidationError) as error:
-            raise BuildError(f"{path}: {_why(error)}.") from None
+            raise BuildError(f"{path}: {_reason_of(error)}.") from None
         missing = [task.id for task in self.tasks if task.id not in found]
         if missing:
             raise BuildError(f"{path}: no words for the tasks {', '.join(missing)}.")
@@ -218,7 +218,7 @@ class Workshop:
         except OSError as error:
             part.unlink(missing_ok=True)
             advice = "Everything decided so far is kept; make room and run the command again."
-            raise BuildError(f"{path}: {_why(error)}.", advice) from None
+            raise BuildError(f"{path}: {_reason_of(error)}.", advice) from None
         return name
 
     def image_path(self, name: str) -> Path:
@@ -239,7 +239,7 @@ class Workshop:
                 "Put it back from a copy of the workshop. A picture of the scenes comes back, too, when "
                 "they are read in again; an edited one does not."
             )
-            raise BuildError(f"{path}: {_why(error)}.", advice) from None
+            raise BuildError(f"{path}: {_reason_of(error)}.", advice) from None
         if hashlib.sha256(data).hexdigest() != path.stem:
             raise BuildError(f"{path}: the picture is damaged.", "Put the original back.")
         return data
@@ -272,10 +272,10 @@ def new_workshop(folder: Path, name: str, id_key: str) -> None:
         (folder / SETTINGS).write_text(settings, encoding="utf-8")
         (folder / SETTINGS).chmod(0o600)
     except OSError as error:
-        raise BuildError(f"{folder}: {_why(error)}.") from None
+        raise BuildError(f"{folder}: {_reason_of(error)}.") from None
 
 
-def _why(error: Exception) -> str:
+def _reason_of(error: Exception) -> str:
     if isinstance(error, OSError):
         return error.strerror or type(error).__name__
     if isinstance(error, ValidationError):

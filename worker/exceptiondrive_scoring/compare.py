@@ -53,8 +53,10 @@ def compare(
     headline, taxonomy = protocol.grading.headline, protocol.taxonomy
     metrics = challenge.interval_metrics
     a, b = a.only(metrics), b.only(metrics)
-    paired = _paired(a, b, split, protocol)
-    by_task = _paired(a.only(metrics[:1]), b.only(metrics[:1]), split, protocol, by_task=True)
+    paired = _paired_differences(a, b, split, protocol)
+    by_task = _paired_differences(
+        a.only(metrics[:1]), b.only(metrics[:1]), split, protocol, by_task=True
+    )
     means, discordant = paired.values.headline(headline), paired.discordant.micro
     return PairedComparison(
         a="A",
@@ -97,7 +99,7 @@ class _Paired:
         return where_enough(found, getattr(fewest_scenes(self.n_scenes), of), self.ranking)
 
 
-def _paired(
+def _paired_differences(
     a: SampleScores,
     b: SampleScores,
     split: SplitArrays,
@@ -123,7 +125,7 @@ def _paired(
         ordered = tuple(a.metrics[m] for m in columns)
         both = [np.where(np.isnan(gaps), np.nan, each.values)[:, columns] for each in (a, b)]
         sides = [SampleScores(ordered, each) for each in both]
-        values = _replaced(values, *(aggregate(side, split, taxonomy) for side in sides))
+        values = _with_differences(values, *(aggregate(side, split, taxonomy) for side in sides))
         of_sides = [scene_sums(side, split, taxonomy, by_task=by_task) for side in sides]
         (_, of_a), (_, of_b) = resample(of_sides, ranking, ordered)
         draws.micro[columns] = of_a.micro - of_b.micro
@@ -160,7 +162,7 @@ def _are_compared(gaps: FloatArray, split: SplitArrays) -> BoolArray:
     return enough
 
 
-def _replaced(values: Breakdown, a: Breakdown, b: Breakdown) -> Breakdown:
+def _with_differences(values: Breakdown, a: Breakdown, b: Breakdown) -> Breakdown:
     """Put the differences of A and B in place of the metrics that they hold."""
 
     def row(old: MetricValues, of_a: MetricValues, of_b: MetricValues) -> MetricValues:

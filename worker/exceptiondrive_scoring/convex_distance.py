@@ -93,7 +93,7 @@ def hull_distance_m(
     apart = np.flatnonzero(gap > 0)  # distances of these alone
     squares = (
         *(
-            box.square_outside(*_taken(place, apart)).min(axis=0)
+            box.square_outside(*_take_columns(place, apart)).min(axis=0)
             for box, place in zip((a, b), in_frames, strict=True)
         ),
         _square_distances(sides, apart),
@@ -106,7 +106,7 @@ def hull_distance_m(
     return distance
 
 
-def _taken(columns: Iterable[FloatArray], which: NDArray[np.intp]) -> Iterator[FloatArray]:
+def _take_columns(columns: Iterable[FloatArray], which: NDArray[np.intp]) -> Iterator[FloatArray]:
     return (each.take(which, -1) for each in columns)
 
 
@@ -127,7 +127,7 @@ def _links(
     column, link = np.nonzero(is_edge.T)
     start, end = (corner.take(link) * len(is_edge.T) + column for corner in (LINK_START, LINK_END))
     ends = (_Points(*(axis.take(at)[None] for axis in corners)) for at in (start, end))
-    links, region = _edges(*ends), _Points(*_taken(region, column))
+    links, region = _edges(*ends), _Points(*_take_columns(region, column))
     return column, _Sides(links, _left_of(links.along, region), region)
 
 
@@ -230,8 +230,11 @@ def _square_distances(sides: _Sides, which: NDArray[np.intp]) -> FloatArray:
     Across the edge the distance is that of the line; along it, what lies beyond half the length
     from the middle. Nothing is masked.
     """
-    start, along = (_Points(*_taken(each, which)) for each in sides.edges[:2])
-    points, half = _Points(*_taken(sides.points, which)), sides.edges.length.take(which, -1) / 2
+    start, along = (_Points(*_take_columns(each, which)) for each in sides.edges[:2])
+    points, half = (
+        _Points(*_take_columns(sides.points, which)),
+        sides.edges.length.take(which, -1) / 2,
+    )
     middle = along.x * start.x + along.y * start.y + half
     across = sides.left.take(which, -1)
     across -= (along.x * start.y - along.y * start.x)[:, None]

@@ -38,13 +38,13 @@ def intrusion_depth_m(
     sides = [region[j] - region[i] for i, j in itertools.combinations(range(4), 2)]
     ways_out = [
         _way_out_m(corners, region, axis)
-        for axis in (ahead, _turned(ahead), *(_turned(side) for side in sides))
+        for axis in (ahead, _turned_left(ahead), *(_turned_left(side) for side in sides))
     ]
     depth: FloatArray = np.maximum(np.min(ways_out, axis=0), 0.0).max(axis=0)
     return depth
 
 
-def _turned(vectors: FloatArray) -> FloatArray:
+def _turned_left(vectors: FloatArray) -> FloatArray:
     return np.stack([-vectors[..., 1], vectors[..., 0]], axis=-1)
 
 

@@ -176,21 +176,21 @@ def tube_pieces_m(points_m: FloatArray, geometry: GeometrySection) -> list[Float
 def convex_hull(points: FloatArray) -> FloatArray:
     """Corners of the convex hull, counter-clockwise: (n, 2) -> (k, 2) (monotone chain)."""
     ordered = sorted({(float(x), float(y)) for x, y in points})
-    lower, upper = _chain(ordered), _chain(ordered[::-1])
+    lower, upper = _hull_chain(ordered), _hull_chain(ordered[::-1])
     return np.array(lower[:-1] + upper[:-1])
 
 
-def _chain(points: list[Corner]) -> list[Corner]:
+def _hull_chain(points: list[Corner]) -> list[Corner]:
     """The part of the hull that turns left from the first point to the last."""
     chain: list[Corner] = []
     for point in points:
-        while len(chain) >= 2 and _turn(chain[-2], chain[-1], point) <= 1e-12:
+        while len(chain) >= 2 and _turn_of(chain[-2], chain[-1], point) <= 1e-12:
             chain.pop()
         chain.append(point)
     return chain
 
 
-def _turn(a: Corner, b: Corner, c: Corner) -> float:
+def _turn_of(a: Corner, b: Corner, c: Corner) -> float:
     return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
 
 

@@ -36,19 +36,21 @@ class Footprints:
 
     def __getitem__(self, key: "slice | IntArray") -> "Footprints":
         """Footprints of some time steps; of arrays (n,), any of them."""
-        return self._with(self.x_m[key], self.y_m[key], self.cos[key], self.sin[key])
+        return self._with_poses(self.x_m[key], self.y_m[key], self.cos[key], self.sin[key])
 
     def of_samples(self, sample: IntArray) -> "Footprints":
         """All time steps of some samples: (T + 1, N) -> (T + 1, n)."""
         parts = (self.x_m, self.y_m, self.cos, self.sin)
-        return self._with(*(part.take(sample, 1) for part in parts))
+        return self._with_poses(*(part.take(sample, 1) for part in parts))
 
     def at(self, step: IntArray, sample: IntArray) -> "Footprints":
         """One time step each of some samples: (T + 1, N) -> (n,)."""
         flat = step * self.x_m.shape[1] + sample
-        return self._with(*(p.take(flat) for p in (self.x_m, self.y_m, self.cos, self.sin)))
+        return self._with_poses(*(p.take(flat) for p in (self.x_m, self.y_m, self.cos, self.sin)))
 
-    def _with(self, x: FloatArray, y: FloatArray, cos: FloatArray, sin: FloatArray) -> "Footprints":
+    def _with_poses(
+        self, x: FloatArray, y: FloatArray, cos: FloatArray, sin: FloatArray
+    ) -> "Footprints":
         return Footprints(x, y, cos, sin, self.half_length_m, self.half_width_m)
 
     def corners_m(self) -> tuple[FloatArray, FloatArray]:

@@ -73,8 +73,8 @@ def rank_intervals(entries: Sequence[Uncertainty], order: Order, confidence: flo
     n_draws = draws.shape[1]
     low, high = _spans(draws)
     by_high = np.argsort(-high, kind="stable")
-    codes, needed = _coded(draws[by_high]), n_draws - cuts[by_high]
-    scenes = _coded(np.stack([entry.primary_scenes for entry in entries])[by_high], SAME_TO)
+    codes, needed = _rank_codes(draws[by_high]), n_draws - cuts[by_high]
+    scenes = _rank_codes(np.stack([entry.primary_scenes for entry in entries])[by_high], SAME_TO)
     n_told = least_differing(confidence)
     of_differing = n_draws - np.array(
         [draws_cut_off(n_draws, confidence, n) for n in range(scenes.shape[1] + 1)]
@@ -113,8 +113,8 @@ def long_rank_intervals(
     (K, 2).
     """
     found = told_rank_intervals(intervals, order)
-    low, high = _signed(intervals, order)
-    better, worse = _apart(low[:n_paired], high[:n_paired], low[n_paired:], high[n_paired:])
+    low, high = _more_is_better(intervals, order)
+    better, worse = _count_apart(low[:n_paired], high[:n_paired], low[n_paired:], high[n_paired:])
     n_others = max(len(entries) - n_paired, 0)
     among = rank_intervals(entries[:n_paired], order, confidence)
     found[:n_paired] = among + np.stack([better, n_others - worse], axis=1)
@@ -128,18 +128,18 @@ def told_rank_intervals(intervals: FloatArray, order: Order) -> IntArray:
     intervals can say so: of a withheld split ranks tell nothing besides (docs/leakage.md). They are those
     of the metric that ranks first, as they are told; of an entry that has none, all numbers. (K, 2).
     """
-    low, high = _signed(intervals, order)
-    better, worse = _apart(low, high, low, high)
+    low, high = _more_is_better(intervals, order)
+    better, worse = _count_apart(low, high, low, high)
     return np.stack([1 + better, len(low) - worse], axis=1)
 
 
-def _signed(intervals: FloatArray, order: Order) -> tuple[FloatArray, FloatArray]:
+def _more_is_better(intervals: FloatArray, order: Order) -> tuple[FloatArray, FloatArray]:
     """Return lower and upper ends, more being better."""
     low, high = intervals.T if order == "descending" else -intervals[:, ::-1].T
     return low, high
 
 
-def _apart(
+def _count_apart(
     low: FloatArray, high: FloatArray, others_low: FloatArray, others_high: FloatArray
 ) -> tuple[IntArray, IntArray]:
     """Count the others whose interval lies wholly above that of each, and wholly below."""
@@ -158,7 +158,7 @@ def _spans(draws: FloatArray) -> tuple[FloatArray, FloatArray]:
     return low, np.where(is_undefined, np.inf, draws.max(axis=1))
 
 
-def _coded(draws: FloatArray, same_to: float = 0.0) -> NDArray[Any]:
+def _rank_codes(draws: FloatArray, same_to: float = 0.0) -> NDArray[Any]:
     """Return numbers that stand to each other within a draw as its values do, and compare faster.
 
     Values are the same that lie no further apart than `same_to`.

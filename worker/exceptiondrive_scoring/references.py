@@ -27,14 +27,14 @@ def reference_answers(
     if reference == ALWAYS_STOP:
         return strategy_answers([StrategyAnswer(Strategy.C, None)] * n_samples).columns()
     if reference == FREEZE:
-        return _twice(np.zeros((n_samples, geometry.waypoints, 2)))
+        return _in_both_scenes(np.zeros((n_samples, geometry.waypoints, 2)))
     if recorded_m is None or recorded_m.shape[1] != geometry.waypoints:
         return None
     if reference == CONSTANT_VELOCITY:
-        return _twice(np.arange(1, geometry.waypoints + 1)[:, None] * recorded_m[:, :1])
-    return _twice(recorded_m)
+        return _in_both_scenes(np.arange(1, geometry.waypoints + 1)[:, None] * recorded_m[:, :1])
+    return _in_both_scenes(recorded_m)
 
 
-def _twice(path_m: FloatArray) -> Columns:
+def _in_both_scenes(path_m: FloatArray) -> Columns:
     """The same (M, T, 2) trajectories for the source and the edited scenes."""
     return {"source": path_m, "edited": path_m}

@@ -141,8 +141,8 @@ def alikeness(
     apart = distances(a[None], others)
     aligned, scales = np.zeros(len(others)), np.ones(len(others))
     if rule.may_be_scaled:
-        scales = _scales(a, others)
-        aligned = _share(distances(_moved(a, others, scales), others), rule)
+        scales = _alignment_scales(a, others)
+        aligned = _share(distances(_aligned(a, others, scales), others), rule)
     columns = (_share(apart, rule), apart.mean(axis=-1), aligned, scales)
     return [Alikeness(*map(float, row)) for row in zip(*columns, strict=True)]
 
@@ -170,7 +170,7 @@ def _share(apart: FloatArray, rule: AlikeRule) -> FloatArray:
     return np.asarray((apart <= rule.tolerance + 1e-9).mean(axis=-1))
 
 
-def _scales(a: NDArray[np.floating], others: NDArray[np.floating]) -> FloatArray:
+def _alignment_scales(a: NDArray[np.floating], others: NDArray[np.floating]) -> FloatArray:
     """Return by what a submission is scaled onto each of K others; 1 where that is no copy any more.
 
     By the median, so that a few moved samples do not count.
@@ -197,7 +197,7 @@ def _may_align(
     """
     n_samples, n_first = len(a), min(len(a), FIRST_LOOK)
     first = others[:, :n_first]
-    scales = _scales(a, others)[:, None, None, None].astype(a.dtype)
+    scales = _alignment_scales(a, others)[:, None, None, None].astype(a.dtype)
     gaps = first - a[None, :n_first] * scales
     moved = _sum(gaps.transpose(0, 3, 1, 2)) / gaps.shape[-2]  # (K, C, n)
     n_needed = np.full(len(others), n_first - math.floor((1 - share) * n_samples + 1e-9))
@@ -212,7 +212,7 @@ def _may_align(
     return np.asarray(fits | (n_needed <= 0))
 
 
-def _moved(
+def _aligned(
     a: NDArray[np.floating], others: NDArray[np.floating], scales: FloatArray
 ) -> NDArray[np.floating]:
     """Scale and shift a submission as a whole onto each of K others, by medians.

@@ -409,14 +409,16 @@ class _Drives:
         sideways_mps2 = np.minimum(BRAKE_MPS2, speed_mps**2 / TIGHTEST_TURN_M)[:, None]
 
         def drives() -> Iterator[FloatArray]:
-            for road in (_straight, _Road(self.recorded(), self._geometry).positions_m):
+            for road in (_xy_positions, _Road(self.recorded(), self._geometry).positions_m):
                 yield road(stopping_m, np.zeros_like(stopping_m))
                 for aside_m in SWERVES_M:
                     shift_m = _swerve_m(self._times_s, aside_m, sideways_mps2)
                     yield road(cruising_m, shift_m)
                     yield road(cruising_m, -shift_m)
 
-        return self._some(drives(), lambda gap_m: gap_m > self._geometry.contact_tolerance_m)
+        return self._is_some_drive(
+            drives(), lambda gap_m: gap_m > self._geometry.contact_tolerance_m
+        )
 
     def reaches(self) -> BoolArray:
         """Whether a fan of arcs, each as fast as tyres and engine allow, comes near the region."""
@@ -431,9 +433,9 @@ class _Drives:
                 turn = bend_per_m * np.minimum(speed_mps, gripping_mps)[:, None] * self._times_s
                 yield np.stack([np.sin(turn), 1 - np.cos(turn)], axis=-1) / bend_per_m
 
-        return self._some(arcs(), lambda gap_m: gap_m <= REACHED_M)
+        return self._is_some_drive(arcs(), lambda gap_m: gap_m <= REACHED_M)
 
-    def _some(
+    def _is_some_drive(
         self, drives: Iterator[FloatArray], is_so: Callable[[FloatArray], BoolArray]
     ) -> BoolArray:
         """Whether some drive has such a clearance; who has one is not asked again, (N,)."""
@@ -446,7 +448,7 @@ class _Drives:
         return some
 
 
-def _straight(along_m: FloatArray, aside_m: FloatArray) -> FloatArray:
+def _xy_positions(along_m: FloatArray, aside_m: FloatArray) -> FloatArray:
     """Positions along the x axis and to its left, (N, T + 1, 2)."""
     return np.stack([along_m, aside_m], axis=-1)
 

@@ -98,7 +98,7 @@ def why_junk(message: bytes) -> str | None:
     return None
 
 
-def _declared(message: bytes) -> bytes:
+def _declared_fields(message: bytes) -> bytes:
     """Return a sound message with the fields alone that were looked at.
 
     One number in a field that Celery reads of its own accord (`stamped_headers`) ends a worker.
@@ -117,7 +117,7 @@ class _WakeClient(kombu_redis.PrefixedStrictRedis):
         queue, message = answer
         reason = why_junk(message)
         if reason is None:
-            return queue, _declared(message)
+            return queue, _declared_fields(message)
         _log.warning(
             "junk dropped from a queue",
             queue=queue.decode(errors="replace"),

@@ -185,7 +185,7 @@ def add_split(
     with opened(settings) as database:
         registered = add_split_file(database, splits, file, _protocol(protocol), words)
     if json_:
-        typer.echo(json.dumps(_told(registered)))
+        typer.echo(json.dumps(_registered_facts(registered)))
         return
     _tell_registered([registered])
     given = read_split(file).revision
@@ -230,7 +230,7 @@ def add_drives(
     typer.echo(f"{split.name} would stand at {split.revision}")
 
 
-def _told(registered: RegisteredSplit) -> dict[str, object]:
+def _registered_facts(registered: RegisteredSplit) -> dict[str, object]:
     manifest = registered.manifest
     return {
         "name": manifest.name,

@@ -87,7 +87,7 @@ def sound_report(stages: Stages, target: Target, size_bytes: int) -> CheckReport
     """
     manifest, protocol = target.split.manifest, target.protocol
     pairs = TrajectoryPairs.from_columns(stages.answers(target))
-    rows = map(TrajectoryPair, _flats(pairs.source), _flats(pairs.edited))
+    rows = map(TrajectoryPair, _flat_trajectories(pairs.source), _flat_trajectories(pairs.edited))
     profile = file_profile(
         dict(zip(manifest.sample_ids, rows, strict=True)),
         protocol.geometry,
@@ -121,7 +121,7 @@ def _rounded(profile: FileProfile, publication: PublicationSection) -> FileProfi
     return profile.model_copy(update={**of(profile), "mend": mended})
 
 
-def _flats(waypoints_m: FloatArray) -> Iterator[array[float] | None]:
+def _flat_trajectories(waypoints_m: FloatArray) -> Iterator[array[float] | None]:
     """Each trajectory of (N, T, 2) by itself, None where missing."""
     values, width = array("d", waypoints_m.tobytes()), 2 * waypoints_m.shape[1]
     for start in range(0, len(values), width):

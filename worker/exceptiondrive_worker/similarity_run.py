@@ -131,7 +131,7 @@ class _Comparing:
         kept = private.read_columns(Shelf.FINGERPRINTS, key)
         if kept is not None:
             return kept["ways"]
-        ways = self._ways(file)
+        ways = self._read_ways(file)
         if ways is None:
             return None
         fingerprint = ways[fingerprinted_samples(len(ways), self._seed)].astype(np.float32)
@@ -143,23 +143,23 @@ class _Comparing:
     ) -> Sequence[AlikeSubmission]:
         """Return what a file is like: the nearest of other teams, and the nearest of its own."""
         candidates = self._candidates(file, fingerprint, compared)
-        ways = self._ways(file) if candidates else None
+        ways = self._read_ways(file) if candidates else None
         if ways is None:
             return []
         own: list[AlikeSubmission] = []
         others: list[AlikeSubmission] = []
         for candidate, _ in candidates:
-            other = self._ways(candidate)
+            other = self._read_ways(candidate)
             if other is None:
                 continue
             found, n_different = compare_pair(ways, other, self._rule)
             is_own = candidate.team_id == file.team_id
             if (self._rule.is_probe if is_own else self._rule.is_alike)(found):
-                recorded = self._recorded(candidate, found, n_different, len(ways))
+                recorded = self._alike_record(candidate, found, n_different, len(ways))
                 (own if is_own else others).append(recorded)
         return [*sorted(others, key=_nearest)[:NEAREST_KEPT], *sorted(own, key=_nearest)[:1]]
 
-    def _recorded(
+    def _alike_record(
         self, file: ScoredFile, found: Alikeness, n_different: int, n_samples: int
     ) -> AlikeSubmission:
         is_scaled = not self._rule.is_alike(replace(found, aligned_share=0.0))
@@ -189,11 +189,11 @@ class _Comparing:
                 if rule(by_fingerprint, SLACK):
                     (own if is_own else others).append((each, by_fingerprint))
         return [
-            *sorted(own, key=_likeliest)[:CANDIDATES],
-            *sorted(others, key=_likeliest)[:CANDIDATES],
+            *sorted(own, key=_likeness_key)[:CANDIDATES],
+            *sorted(others, key=_likeness_key)[:CANDIDATES],
         ]
 
-    def _ways(self, file: ScoredFile) -> FloatArray | None:
+    def _read_ways(self, file: ScoredFile) -> FloatArray | None:
         read_under = self._accepted[file.submission_id]
         target = replace(self._like, file_digest=file.file_digest, read_under=read_under)
         try:
@@ -203,7 +203,7 @@ class _Comparing:
             return None
 
 
-def _likeliest(candidate: Candidate) -> tuple[float, float]:
+def _likeness_key(candidate: Candidate) -> tuple[float, float]:
     _, found = candidate
     return -found.best_share, found.mean_distance
 

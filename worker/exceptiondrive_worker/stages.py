@@ -147,7 +147,7 @@ class Stages:
             answers = self.answers(target)
             target = replace(target, made=answers)
             of_controls = scoring.of_controls(_rows(answers, split.control_rows), target.protocol)
-        measured, ref = self._measured(target, measurement_key), split.manifest.ref
+        measured, ref = self._measurements_of(target, measurement_key), split.manifest.ref
         settled = settle(scoring, measured, split.arrays, ref, target.protocol, of_controls)
         if is_kept:
             self.private.write_columns(Shelf.SETTLED, key, settled.columns())
@@ -159,9 +159,9 @@ class Stages:
         Raises:
             RejectedUpload: The upload has faults.
         """
-        return self._measured(target, _measurement_key(target))
+        return self._measurements_of(target, _measurement_key(target))
 
-    def _measured(self, target: Target, key: str) -> Columns:
+    def _measurements_of(self, target: Target, key: str) -> Columns:
         kept = self.private.read_columns(Shelf.MEASUREMENTS, key)
         if kept is not None:
             return kept

@@ -30,11 +30,11 @@ def try_next_split(context: WorkerContext) -> bool:
         finding = TrialFinding(what=f"{failure.message} ({failure.code.value})")
         _record(context, item, SplitTrial(state="failed", found=(finding,)))
 
-    run_job(item.id, lambda: _record(context, item, _tried(context, item)), failed)
+    run_job(item.id, lambda: _record(context, item, _try_split(context, item)), failed)
     return True
 
 
-def _tried(context: WorkerContext, item: Trial) -> SplitTrial:
+def _try_split(context: WorkerContext, item: Trial) -> SplitTrial:
     with context.database.read() as session:
         run = find_run(session, item.run_id)
         phase = session.get_one(Phase, run.phase_id)

@@ -33,13 +33,13 @@ def login(server: options.Server = None) -> None:
     shell's history.
     """
     address = find_server(server)
-    token = _token(address)
+    token = _read_token(address)
     if is_sent_in_clear(address):
         say(f"warning: {address} is not https: your token can be read on the way")
     with Client(address, token) as client:
         me = client.me()
     path = keep_token(address, token)
-    show(f"{_name(me)} at {address}; the token is kept in {path}")
+    show(f"{_describe_holder(me)} at {address}; the token is kept in {path}")
 
 
 def logout(server: options.Server = None) -> None:
@@ -56,10 +56,10 @@ def whoami(client: Client) -> Answer:
     address = client.server
     until = "" if me.expires_at is None else f", valid until {utc_text(me.expires_at)}"
     token = f"token {me.token_name!r}, scopes: {', '.join(me.scopes)}{until}"
-    return me, f"{_name(me)} at {address}", token
+    return me, f"{_describe_holder(me)} at {address}", token
 
 
-def _token(server: str) -> str:
+def _read_token(server: str) -> str:
     """Ask a person, or read one line."""
     token = getpass(f"Token for {server}: ") if can_ask() else sys.stdin.readline()
     if not token.strip():
@@ -71,7 +71,7 @@ def _token(server: str) -> str:
     return token.strip()
 
 
-def _name(me: Me) -> str:
+def _describe_holder(me: Me) -> str:
     """Return a team, or an organizer with its role and what it is for, where the server tells them."""
     if me.team is not None or me.role is None:
         return "organizer" if me.team is None else f"team {me.team}"
@@ -79,11 +79,11 @@ def _name(me: Me) -> str:
     return f"organizer ({me.role}, {confined})"
 
 
-def _tokens(server: str | None) -> TeamTokens:
+def _open_tokens(server: str | None) -> TeamTokens:
     return TeamTokens(prepare(server), on_retry=say_retry)
 
 
-with_tokens = command_of(_tokens)
+with_tokens = command_of(_open_tokens)
 
 
 @with_tokens
@@ -118,7 +118,7 @@ def rotate_token(
     json: options.Json = False,
 ) -> None:
     """Issue the successor of a token; it is shown this once."""
-    with _tokens(server) as tokens:
+    with _open_tokens(server) as tokens:
         issued = tokens.rotate(token_id, keep_days=keep_days)
     show_result(issued, json, issued["token"])
     if not json:

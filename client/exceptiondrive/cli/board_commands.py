@@ -161,7 +161,7 @@ def phases_table(views: tuple[PhaseView, ...], now: datetime) -> FittedTable:
         Column("left"),
     )
     for view in views:
-        window = _window(view, now)
+        window = _submission_window(view, now)
         table.add_row(
             view.id,
             view.challenge,
@@ -170,12 +170,12 @@ def phases_table(views: tuple[PhaseView, ...], now: datetime) -> FittedTable:
             f"{view.now.n_counted if view.now else view.n_samples:,}",
             view.protocol,
             window,
-            _left(view, window),
+            _uploads_left(view, window),
         )
     return table
 
 
-def _left(view: PhaseView, window: str) -> str:
+def _uploads_left(view: PhaseView, window: str) -> str:
     if view.disqualified_at is not None:
         return f"nothing: disqualified since {view.disqualified_at:%Y-%m-%d}"
     if window.startswith(("archived", "closed")) and not view.takes_late_entries:
@@ -185,7 +185,7 @@ def _left(view: PhaseView, window: str) -> str:
     return f"{view.quota_per_day} a day" if view.quota is None else view.quota.left_words()
 
 
-def _window(view: PhaseView, now: datetime) -> str:
+def _submission_window(view: PhaseView, now: datetime) -> str:
     if view.visibility == "archived":
         return "archived"
     opens, closes = view.opens_at, view.own_closes_at or view.closes_at

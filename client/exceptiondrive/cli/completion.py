@@ -19,7 +19,7 @@ Completion = tuple[str, str]
 Offer = Callable[[typer.Context, str], list[Completion]]
 
 
-def _offering(words: "Callable[[Client, Organizer], Iterable[Completion]]") -> Offer:
+def _completion_of(words: "Callable[[Client, Organizer], Iterable[Completion]]") -> Offer:
     """Return what offers words that a server says."""
 
     def offer(context: typer.Context, incomplete: str) -> list[Completion]:
@@ -36,15 +36,15 @@ def _offering(words: "Callable[[Client, Organizer], Iterable[Completion]]") -> O
     return offer
 
 
-phases = _offering(lambda client, _: ((p.id, p.title) for p in client.phases()))
-public_splits = _offering(
+phases = _completion_of(lambda client, _: ((p.id, p.title) for p in client.phases()))
+public_splits = _completion_of(
     lambda client, _: {p.split: p.split for p in client.phases() if p.split_is_public}.items()
 )
-submission_ids = _offering(
+submission_ids = _completion_of(
     lambda client, _: ((v.id, f"{v.method}, {v.status}") for v in client.submissions(limit=30))
 )
-teams = _offering(lambda _, own: ((team["id"], team["name"]) for team in own.teams()))
-runs = _offering(
+teams = _completion_of(lambda _, own: ((team["id"], team["name"]) for team in own.teams()))
+runs = _completion_of(
     lambda _, own: ((run.id, f"{run.phase}, {run.state}") for run in own.rescoring.runs())
 )
 """Teams and runs, newest first, are offered to organizers."""

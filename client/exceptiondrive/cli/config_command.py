@@ -20,7 +20,7 @@ from exceptiondrive.settings import (
 )
 
 
-def _values(context: typer.Context, incomplete: str) -> list[completion.Completion]:
+def _complete_value(context: typer.Context, incomplete: str) -> list[completion.Completion]:
     is_phase = context.params.get("name") == "phase"
     return completion.phases(context, incomplete) if is_phase else []
 
@@ -35,7 +35,7 @@ def config(
         ),
     ] = None,
     value: Annotated[
-        str | None, argument("[VALUE]", "Keep it as the usual one.", offer=_values)
+        str | None, argument("[VALUE]", "Keep it as the usual one.", offer=_complete_value)
     ] = None,
     unset: Annotated[bool, flag("--unset", "Take it out of the file.")] = False,
     json: options.Json = False,

@@ -194,7 +194,7 @@ def convert(
     if mode is not None and not any(each.startswith(f"mode {mode} of ") for each in forms):
         done = (f"no trajectory has several modes: --mode {mode} chose nothing", *done)
     facts |= {"size_bytes": size_bytes, "done": list(done), "nulled": list(outcome.nulled)}
-    show_result(facts, json, *_said(done, outcome), report_view(report, str(output)))
+    show_result(facts, json, *_report_lines(done, outcome), report_view(report, str(output)))
 
 
 def _read_files(
@@ -216,7 +216,7 @@ def _read_files(
         ) from None
 
 
-def _said(done: tuple[str, ...], outcome: Conversion) -> list[str]:
+def _report_lines(done: tuple[str, ...], outcome: Conversion) -> list[str]:
     lines = [f"- {sentence}" for sentence in done or ("no waypoint was moved",)]
     return [
         *lines,

@@ -51,7 +51,7 @@ def report_view(
         yield Text.assemble(
             (group.code.value, "bold"), f"  {group.extent(report.n_predictions)}  {group.message}"
         )
-        yield _examples(group)
+        yield _example_table(group)
         if with_all and group.sample_ids:
             yield Text(f"  {' '.join(group.sample_ids)}", style="dim")
         elif group.n_samples > EXAMPLES_SHOWN:
@@ -88,7 +88,7 @@ def _headline(report: CheckReport, name: str) -> str:
     return f"{name} is not valid: {faults} of {kinds}"
 
 
-def _examples(group: FaultGroup) -> FittedTable:
+def _example_table(group: FaultGroup) -> FittedTable:
     table = FittedTable.of(
         Column("where", "id", left_out=3),
         Column("sample", "id", left_out=2),
@@ -124,26 +124,26 @@ def sheet_view(
     if n_predictions not in (None, sheet.n):
         n_scored = f"{counted(n_predictions or 0, 'sample')}, {sheet.n:,} of them in the score, "
         n_scored += "the others controls or withdrawn"
-    protocol = protocol or _shipped(sheet.protocol)
+    protocol = protocol or _packaged_protocol_of(sheet.protocol)
     yield Text(
         f"{challenge_of(sheet.challenge).title} · split {sheet.split.name} · "
         f"protocol {sheet.protocol.version} · {n_scored}",
         style="bold",
     )
     edited, source = sheet.coverage.edited, sheet.coverage.source
-    answered = _percent(edited)
+    answered = _percent_text(edited)
     if source is not None:
-        answered += f" edited, {_percent(source)} source"
+        answered += f" edited, {_percent_text(source)} source"
     yield Text(f"answers given: {answered}", style="dim")
     headline = protocol.grading.headline if protocol else headline
     yield _sheet_table(sheet, protocol, with_tasks, headline)
-    yield from _untold(sheet, protocol, with_tasks)
-    yield from _sensitivity(sheet, protocol)
-    yield from _plausibility(sheet)
-    yield from _extra(sheet)
+    yield from _unpublished_notes(sheet, protocol, with_tasks)
+    yield from _sensitivity_lines(sheet, protocol)
+    yield from _plausibility_lines(sheet)
+    yield from _extra_tables(sheet)
 
 
-def _shipped(wanted: ProtocolRef) -> ProtocolDocument | None:
+def _packaged_protocol_of(wanted: ProtocolRef) -> ProtocolDocument | None:
     try:
         shipped = packaged_protocol(wanted.version)
     except FileNotFoundError:
@@ -170,7 +170,7 @@ def _sheet_table(
     return table
 
 
-def _untold(
+def _unpublished_notes(
     sheet: ScoreSheet, protocol: ProtocolDocument | None, with_tasks: bool
 ) -> Iterator[Text]:
     """Say why rows show no more than how many samples they count, where any does."""
@@ -210,7 +210,7 @@ def _cells(challenge: Challenge, row: MetricRow, protocol: ProtocolDocument | No
     return [metric_text(metric, row.get(metric.key), digits) for metric in challenge.columns]
 
 
-def _sensitivity(sheet: ScoreSheet, protocol: ProtocolDocument | None) -> Iterator[Text]:
+def _sensitivity_lines(sheet: ScoreSheet, protocol: ProtocolDocument | None) -> Iterator[Text]:
     """One line for each other required clearance that the protocol asks about."""
     hcc = next((m for m in challenge_of(sheet.challenge).metrics if m.key == "hcc"), None)
     digits = protocol.publication if protocol else None
@@ -222,19 +222,19 @@ def _sensitivity(sheet: ScoreSheet, protocol: ProtocolDocument | None) -> Iterat
             yield Text(f"HCC % at {factor} times d_safe: {', '.join(parts)}", style="dim")
 
 
-def _plausibility(sheet: ScoreSheet) -> Iterator[RenderableType]:
+def _plausibility_lines(sheet: ScoreSheet) -> Iterator[RenderableType]:
     shares = sorted(
         (k, share) for k, share in sheet.plausibility.shares.items() if share is not None
     )
     if shares:
-        each = (f"{key.replace('_', ' ')} {_percent(share, 1)}" for key, share in shares)
+        each = (f"{key.replace('_', ' ')} {_percent_text(share, 1)}" for key, share in shares)
         listed = ", ".join(each)
         yield Text(f"plausibility: {listed}", style="dim")
     for flag in sheet.plausibility.flags:
         yield Text.assemble(("flag ", "yellow"), (flag.label, "bold yellow"), f": {flag.detail}")
 
 
-def _extra(sheet: ScoreSheet) -> Iterator[RenderableType]:
+def _extra_tables(sheet: ScoreSheet) -> Iterator[RenderableType]:
     """Further named rows: counts as counts, anything else as the fraction that it is.
 
     In the order of their keys, as kept sheets come; the number of samples first.
@@ -256,9 +256,9 @@ def _extra(sheet: ScoreSheet) -> Iterator[RenderableType]:
 def _extra_cell(value: float | None, is_count: bool) -> str:
     if value is None:
         return "none"
-    return f"{value:.0f}" if is_count else _percent(value)
+    return f"{value:.0f}" if is_count else _percent_text(value)
 
 
-def _percent(share: float, decimals: int = 2) -> str:
+def _percent_text(share: float, decimals: int = 2) -> str:
     """Write a share that is no metric as pages do, one of this machine rounded as a board's."""
     return f"{decimal_text(100 * round(share, 4), decimals)}%"

@@ -66,7 +66,7 @@ class FittedTable:
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         shown = self.shown(options.max_width)
-        least = [self._least(index) for index in shown]
+        least = [self._least_width_of(index) for index in shown]
         spare = options.max_width - sum(least) - GAP * (len(shown) - 1)
         if spare < 0:
             yield from self._one_value_a_line()
@@ -84,7 +84,7 @@ class FittedTable:
     def whole_width(self) -> int:
         """How wide a terminal must be to show everything and fold nothing."""
         shown = self.shown(sys.maxsize)
-        return sum(map(self._whole, shown)) + GAP * (len(shown) - 1)
+        return sum(map(self._full_width, shown)) + GAP * (len(shown) - 1)
 
     def shown(self, width: int) -> list[int]:
         """Return the numbers of the columns that have a place in so wide a terminal."""
@@ -99,25 +99,29 @@ class FittedTable:
     def _has_values(self, index: int) -> bool:
         return self.columns[index].left_out == 0 or any(row[index].plain for row, _ in self.rows)
 
-    def _texts(self, index: int) -> list[Text]:
+    def _column_texts(self, index: int) -> list[Text]:
         return [Text(self.columns[index].title), *(row[index] for row, _ in self.rows)]
 
-    def _whole(self, index: int) -> int:
+    def _full_width(self, index: int) -> int:
         """Width of a column that folds nothing."""
-        return max(text.cell_len for text in self._texts(index))
+        return max(text.cell_len for text in self._column_texts(index))
 
-    def _least(self, index: int) -> int:
+    def _least_width_of(self, index: int) -> int:
         if self.columns[index].kind != "words":
-            return self._whole(index)
-        pieces = (piece for text in self._texts(index) for piece in _PIECES.findall(text.plain))
+            return self._full_width(index)
+        pieces = (
+            piece for text in self._column_texts(index) for piece in _PIECES.findall(text.plain)
+        )
         longest = max(map(cell_len, pieces), default=0)
-        return min(self._whole(index), max(NARROWEST_WORDS, min(longest, LONGEST_WORD)))
+        return min(self._full_width(index), max(NARROWEST_WORDS, min(longest, LONGEST_WORD)))
 
     def _least_width(self, shown: list[int]) -> int:
-        return sum(map(self._least, shown)) + GAP * (len(shown) - 1)
+        return sum(map(self._least_width_of, shown)) + GAP * (len(shown) - 1)
 
     def _table(self, shown: list[int], least: list[int], spare: int) -> Table:
-        wanted = [self._whole(index) - width for index, width in zip(shown, least, strict=True)]
+        wanted = [
+            self._full_width(index) - width for index, width in zip(shown, least, strict=True)
+        ]
         folded = sum(wanted)
         table = Table(box=None, padding=(0, GAP, 0, 0), pad_edge=False, header_style="bold")
         widths = [
@@ -135,7 +139,7 @@ class FittedTable:
             )
         for row, style in self.rows:
             cells = zip(shown, widths, strict=True)
-            table.add_row(*(_folded(row[index], width) for index, width in cells), style=style)
+            table.add_row(*(_folded_text(row[index], width) for index, width in cells), style=style)
         return table
 
     def _one_value_a_line(self) -> Iterable[RenderableType]:
@@ -149,7 +153,7 @@ class FittedTable:
                     yield Text.assemble((label, "bold"), cell, style=style)
 
 
-def _folded(text: Text, width: int) -> Text:
+def _folded_text(text: Text, width: int) -> Text:
     """Break lines at spaces and after hyphens; what is still too long is left to the table."""
     if cell_len(text.plain) <= width:
         return Text(text.plain.strip(), style=text.style)

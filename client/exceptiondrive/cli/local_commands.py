@@ -53,10 +53,10 @@ def check(
     form is checked. With a phase it is said what an upload would do: whether it would rank, and
     with --method which entry of the team it takes the place of.
     """
-    given = options.given(file, context)
+    given = options.given_file(file, context)
     if split is None and manifest is None:
         phase = find_setting("phase", phase).value
-    outlook = _outlook(given, split, manifest, phase, method, protocol, server)
+    outlook = _check_outlook(given, split, manifest, phase, method, protocol, server)
     report = outlook.report
     words = tuple(report_view(report, given.name, with_all=name_all))
     if report.is_valid and phase is not None and protocol is None:
@@ -78,7 +78,7 @@ def check(
         raise typer.Exit(InvalidFileError.exit_code)
 
 
-def _outlook(
+def _check_outlook(
     file: GivenFile,
     split: Path | None,
     manifest: Path | None,
@@ -134,7 +134,7 @@ def evaluate(
             f"{per_sample} has no known ending: results of samples are written as "
             f"{', '.join(TABLES[:-1])} or {TABLES[-1]}.",
         )
-    given = options.given(file, context)
+    given = options.given_file(file, context)
     rules: ProtocolLike | None = protocol
     challenge: ChallengeId | None = None
     if protocol is None and (named := find_setting("phase", phase).value) is not None:
@@ -186,7 +186,7 @@ def plot(
 
     with replacing(output):
         drawn = plot_file(
-            options.given(file, context),
+            options.given_file(file, context),
             output,
             split=split,
             sample_ids=samples,

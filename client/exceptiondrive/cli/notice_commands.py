@@ -64,11 +64,11 @@ def add(
 
     Somebody who reads at an e-mail address has to confirm it. The secret of a webhook is shown once.
     """
-    contact = client.add_contact(address, _wishes(tell) or ("updates",))
+    contact = client.add_contact(address, _parse_wishes(tell) or ("updates",))
     words = (
         f"secret, shown this once: {contact['secret']}"
         if contact.get("secret")
-        else _confirmation(client, contact["id"])
+        else _confirmation_sentence(client, contact["id"])
     )
     return contact, f"{contact['id']}  {contact['address']}  {words}"
 
@@ -83,7 +83,7 @@ def tell(
     ],
 ) -> Answer:
     """Set what an address is told of."""
-    contact = client.set_wishes(contact_id, _wishes(what))
+    contact = client.set_wishes(contact_id, _parse_wishes(what))
     told = ", ".join(contact["wishes"]) or "nothing"
     return contact, f"{contact['address']} is told of: {told}"
 
@@ -101,7 +101,7 @@ def _last_message(contact: "Record") -> str:
     return f"{state} {utc_text(last['sent_at'])}" if last.get("sent_at") else state
 
 
-def _confirmation(client: "Client", contact_id: str) -> str:
+def _confirmation_sentence(client: "Client", contact_id: str) -> str:
     """Say what became of the message that asks to confirm an address, which is sent at once."""
     until = time.monotonic() + MAIL_WAIT_S
     while True:
@@ -119,7 +119,7 @@ def _confirmation(client: "Client", contact_id: str) -> str:
         time.sleep(MAIL_PAUSE_S)
 
 
-def _wishes(given: list[str] | None) -> tuple[str, ...]:
+def _parse_wishes(given: list[str] | None) -> tuple[str, ...]:
     wanted = tuple(each for each in given or () if each != "none")
     unknown = [each for each in wanted if each not in WISHES]
     if unknown:

@@ -84,7 +84,9 @@ def require_one_of(name: str, said: object, values: Iterable[object]) -> None:
         )
 
 
-def taking(command: Callable[..., None], parameters: Iterable[Parameter]) -> Callable[..., None]:
+def with_parameters(
+    command: Callable[..., None], parameters: Iterable[Parameter]
+) -> Callable[..., None]:
     """Return a command that takes these parameters, whatever it takes by itself."""
     taken = Signature([*parameters])
     command.__signature__ = taken  # type: ignore[attr-defined]
@@ -108,7 +110,7 @@ Server = Annotated[
 Output = Annotated[Path | None, output("Else named by what it is.")]
 
 
-def given(file: Path, context: typer.Context | None = None) -> GivenFile:
+def given_file(file: Path, context: typer.Context | None = None) -> GivenFile:
     """Return what a file holds that was named, or stdin where it is `-`.
 
     Raises:

@@ -89,7 +89,7 @@ def show_result(
         show(*words)
 
 
-def saved(path: Path, data: bytes) -> Answer:
+def save_new(path: Path, data: bytes) -> Answer:
     """Write a new file, never over another one, and return which.
 
     Raises:

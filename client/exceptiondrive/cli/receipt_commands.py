@@ -34,7 +34,7 @@ def get(
         if error.code != "unwritable_file":
             raise
         unwritable = error
-    _write(receipt.model_dump_json(by_alias=True, indent=2), output)
+    _write_or_print(receipt.model_dump_json(by_alias=True, indent=2), output)
     if unwritable is not None:
         say(f"warning: the keys are not remembered: {unwritable.sentence}")
         say("Keep them in a file: exceptiondrive receipt keys -o FILE")
@@ -44,7 +44,7 @@ def keys(output: Output = None, server: options.Server = None) -> None:
     """Fetch the public keys of a server's receipts."""
     with open_client(server) as client:
         found = client.receipt_keys()
-    _write(found.model_dump_json(by_alias=True, indent=2), output)
+    _write_or_print(found.model_dump_json(by_alias=True, indent=2), output)
 
 
 def verify(
@@ -76,7 +76,7 @@ def verify(
     )
 
 
-def _write(text: str, output: Path | None) -> None:
+def _write_or_print(text: str, output: Path | None) -> None:
     if output is None:
         typer.echo(printable(text))
         return

@@ -66,7 +66,7 @@ def command_of(
 
         _, *own = signature(function).parameters.values()
         more = [own.pop()] if own and own[-1].kind is Parameter.VAR_KEYWORD else []
-        return options.taking(command, [*own, *ours, *more])
+        return options.with_parameters(command, [*own, *ours, *more])
 
     return made_of
 

@@ -33,7 +33,7 @@ def manifest(
     path = output or Path(f"{phase}.manifest.json")
     with replacing(path):
         write_file(path, found.model_dump_json(by_alias=True, indent=1))
-    return _written(path, found, len(found.sample_ids))
+    return _written_answer(path, found, len(found.sample_ids))
 
 
 @with_client
@@ -57,10 +57,10 @@ def download(
     path = output or Path(f"{found.name}.split.json")
     with replacing(path):
         write_file(path, found.model_dump_json(by_alias=True, exclude_none=True))
-    return _written(path, found, len(found.samples))
+    return _written_answer(path, found, len(found.samples))
 
 
-def _written(path: Path, found: Manifest | Split, n_samples: int) -> Answer:
+def _written_answer(path: Path, found: Manifest | Split, n_samples: int) -> Answer:
     facts = {
         "output": str(path),
         "split": found.name,

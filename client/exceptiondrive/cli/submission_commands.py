@@ -16,7 +16,7 @@ from exceptiondrive.cli.output import (
     be_sure,
     can_ask,
     cut_words,
-    saved,
+    save_new,
     say,
     show,
     show_json,
@@ -115,7 +115,7 @@ def submit(
             )
         _require_consent(outlook, replace=replace, allow_unranked=allow_unranked)
 
-    phase, given = default_phase(phase), options.given(file, context)
+    phase, given = default_phase(phase), options.given_file(file, context)
     with open_client(server) as client:
         try:
             with transfer_bar("uploading", given.name) as bar:
@@ -135,7 +135,7 @@ def submit(
             say(UNANSWERED)
             raise typer.Exit(INTERRUPTED) from None
         if wait:
-            _wait(submission, timeout)
+            _wait_or_say_where(submission, timeout)
         if json:
             show_json(submission.view)
             return
@@ -147,7 +147,7 @@ def submit(
             show(submissions_left(left))
 
 
-def _wait(submission: "Submission", timeout: float | None) -> None:
+def _wait_or_say_where(submission: "Submission", timeout: float | None) -> None:
     """Wait for the end of a submission; who interrupts it reads that it goes on, and where."""
     try:
         with step_line() as tell:
@@ -273,7 +273,7 @@ def download(
 ) -> Answer:
     """Get the team's own upload again, bit by bit."""
     data = client.download(submission_id)
-    return saved(output or Path(upload_name(client.id_of(submission_id), data)), data)
+    return save_new(output or Path(upload_name(client.id_of(submission_id), data)), data)
 
 
 @with_client

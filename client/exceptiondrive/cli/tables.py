@@ -55,7 +55,7 @@ def records_table(records: Iterable[Mapping[str, Any]], columns: tuple[str, ...]
         )
     )
     for record in records:
-        table.add_row(*(_cell(name, record.get(name)) for name in columns))
+        table.add_row(*(_cell_text(name, record.get(name)) for name in columns))
     return table
 
 
@@ -69,7 +69,7 @@ def _kind_of(name: str) -> Literal["id", "words"]:
     return "id" if name in ids or name.endswith(("_id", "_at")) else "words"
 
 
-def _cell(name: str, value: Any) -> str:
+def _cell_text(name: str, value: Any) -> str:
     if isinstance(value, list):
         return ", ".join(map(str, value))
     if isinstance(value, bool):
@@ -183,7 +183,7 @@ def submission_view(
     if view.linked_to is not None:
         yield link_words(view)
     if view.status is SubmissionStatus.SCORED:
-        rank, why = _standing(view)
+        rank, why = _rank_and_reason(view)
         because = f": {why}" if why else ""
         yield Text(f"{rank} in phase {view.phase}{because}", style="bold")
         yield Text(page_url)
@@ -192,7 +192,7 @@ def submission_view(
         yield Text(f"or in the browser: {page_url}")
 
 
-def _standing(view: SubmissionView) -> tuple[str, str]:
+def _rank_and_reason(view: SubmissionView) -> tuple[str, str]:
     """Return the rank of a scored submission, or what stands in its place, and why."""
     if view.disqualified_at is not None:
         since = utc_text(view.disqualified_at)

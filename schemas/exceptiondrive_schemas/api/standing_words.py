@@ -23,7 +23,7 @@ def ranked_words(
         metric, value = challenge.metric(key.metric), values.get(key.metric)
         if value is not None:
             told = text_with_unit(metric, value, publication)
-            yield f"{metric.label} {told}{_range(metric, intervals.get(key.metric), publication)}"
+            yield f"{metric.label} {told}{_range_text(metric, intervals.get(key.metric), publication)}"
 
 
 def standing_words(
@@ -34,8 +34,8 @@ def standing_words(
     Where that is what it says of `before`, what else is another number follows. A message of an older
     release names no challenge, and tells the rank alone.
     """
-    words = _words(challenge, standing)
-    if challenge and standing and before and words == _words(challenge, before):
+    words = _standing_words(challenge, standing)
+    if challenge and standing and before and words == _standing_words(challenge, before):
         words += other_changes(challenge, before, standing)
     return ", ".join(words)
 
@@ -61,7 +61,7 @@ def other_changes(
         yield "a number that is not shown here changes"
 
 
-def _words(challenge: Challenge | None, standing: "Standing | None") -> list[str]:
+def _standing_words(challenge: Challenge | None, standing: "Standing | None") -> list[str]:
     if standing is None:
         return ["not on the board"]
     words = [one_line(standing.place)]
@@ -85,7 +85,7 @@ def effect_words(challenge: Challenge, changes: MetricRow) -> Iterator[str]:
             yield f"by the reminder {metric.label} {text} {unit}"
 
 
-def _range(
+def _range_text(
     metric: Metric, interval: Interval | None, publication: PublicationSection | None
 ) -> str:
     """Write a range; one in whole per cents, as of withheld splits, claims no decimals."""

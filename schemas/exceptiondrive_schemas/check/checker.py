@@ -325,7 +325,9 @@ class SubmissionReader:
         if first == "[":
             expected = "an object with the key `schema`"
             is_bare = BARE_LIST.match(self._data) is not None
-            hint = f"looks like a bare list of predictions; {self._convert}" if is_bare else None
+            hint = (
+                f"looks like a bare list of predictions; {self._convert_hint}" if is_bare else None
+            )
             self._refuse(FaultCode.WRONG_TYPE, (), expected, "a list", hint=hint)
             return False
         for key in members(self._stream):
@@ -341,7 +343,7 @@ class SubmissionReader:
                 (),
                 follows.expected,
                 follows.got,
-                hint=f"looks like {form}; {self._convert}"
+                hint=f"looks like {form}; {self._convert_hint}"
                 if is_object
                 else "remove what stands behind the last }",
             )
@@ -365,7 +367,7 @@ class SubmissionReader:
 
     def _refuse_other_form(self) -> None:
         """Say what a document without any of our keys looks like, in place of its many faults."""
-        hint = f"looks like another form of it; {self._convert}"
+        hint = f"looks like another form of it; {self._convert_hint}"
         if len(self._wrapped_in) == 1:
             hint = "write what is under it alone into the file"
             got = f"everything under the key {quoted(self._wrapped_in[0])}"
@@ -520,7 +522,7 @@ class SubmissionReader:
             if key not in self._seen:
                 hint = None
                 if key != "predictions" and type(self._rules) is RULES[PLANNING.id]:
-                    hint = self._convert
+                    hint = self._convert_hint
                 if key == "predictions" and len(self._wrapped_in) == 1:
                     hint = f"are they under {quoted(self._wrapped_in[0])}? Call it predictions"
                 self._refuse(FaultCode.MISSING_KEY, (), f"the key {quoted(key)}", "none", hint=hint)
@@ -543,7 +545,7 @@ class SubmissionReader:
         return rules.document(self.split, self._answers)
 
     @property
-    def _convert(self) -> str:
+    def _convert_hint(self) -> str:
         return convert_advice(self._manifest)
 
     def _form_hint(self, error: JsonStreamError) -> str | None:
@@ -571,7 +573,7 @@ class SubmissionReader:
                     f"looks like CSV with {name}, without {', '.join(absent)} in its first line: write "
                     f"one waypoint a row under {','.join(CSV_COLUMNS)}, which convert reads"
                 )
-            return f"looks like CSV with {name}; {self._convert}"
+            return f"looks like CSV with {name}; {self._convert_hint}"
         return None
 
 
@@ -620,7 +622,7 @@ def check(
     except UnreadableFileError as error:
         hint = convert_advice(manifest) if error.got in CONVERTIBLE else None
         faults.add(error.code, (), expected=error.expected, got=error.got, hint=hint)
-        return Checked(_report(data, faults), None)
+        return Checked(_report_of(data, faults), None)
     if b'"strategy"' in text and b'"edited"' not in text:  # however wrong: no conversion makes one
         faults.is_convertible = False
     reader = SubmissionReader(
@@ -632,7 +634,7 @@ def check(
         foretells_rank=foretells_rank,
     )
     document = reader.read()
-    return Checked(_report(data, faults, reader), document)
+    return Checked(_report_of(data, faults, reader), document)
 
 
 def _without_byte_order_mark(text: bytes, faults: FaultList) -> bytes:
@@ -648,7 +650,9 @@ def _without_byte_order_mark(text: bytes, faults: FaultList) -> bytes:
     return text[len(UTF8_BYTE_ORDER_MARK) :]
 
 
-def _report(data: bytes, faults: FaultList, reader: SubmissionReader | None = None) -> CheckReport:
+def _report_of(
+    data: bytes, faults: FaultList, reader: SubmissionReader | None = None
+) -> CheckReport:
     return CheckReport(
         challenge=reader.challenge if reader else None,
         split=reader.split if reader else None,

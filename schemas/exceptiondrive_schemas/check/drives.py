@@ -26,7 +26,7 @@ def drives_fault(drives: Sequence[Trajectory], protocol: ProtocolDocument) -> st
     FrameCheck(tracks, protocol).finish(faults, None)
     if not faults.is_empty:
         return faults.groups()[0].message
-    n_moving, n_wrong = len(_moving(tracks, protocol)), len(not_driven(tracks, protocol))
+    n_moving, n_wrong = len(_moving_rows(tracks, protocol)), len(not_driven(tracks, protocol))
     if n_wrong < MIN_DRIVES or 2 * n_wrong <= n_moving:
         return None
     return (
@@ -51,9 +51,9 @@ def not_driven(drives: Tracks, protocol: ProtocolDocument) -> set[int]:
         for row, (x_m, m) in enumerate(zip(drives.x_m[0], drives.step_lengths_m[0], strict=True))
         if m > section.stationary_below_m and x_m < steepest * m
     )
-    return found & _moving(drives, protocol)
+    return found & _moving_rows(drives, protocol)
 
 
-def _moving(drives: Tracks, protocol: ProtocolDocument) -> set[int]:
+def _moving_rows(drives: Tracks, protocol: ProtocolDocument) -> set[int]:
     least_m = protocol.plausibility.frame_check_min_motion_m
     return {row for row, path_m in enumerate(drives.lengths_m) if path_m > least_m}

@@ -50,7 +50,7 @@ class FrameCheck:
     @property
     def is_of_the_car(self) -> bool:
         """Whether the trajectories begin at the car: else no drive can be compared with them."""
-        return not self.is_judged or self._away() is None
+        return not self.is_judged or self._not_at_car() is None
 
     def finish(self, faults: FaultList, profile: FileProfile | None) -> None:
         """Refuse the file where it is in another frame or unit, in place of every number of it.
@@ -61,7 +61,7 @@ class FrameCheck:
         if not self.is_judged:
             return
         mended = _mend_verdict(profile)
-        wrong_unit = self._away() or self._too_large(mended)
+        wrong_unit = self._not_at_car() or self._too_large(mended)
         if wrong_unit is not None:
             faults.forget(FaultCode.OUT_OF_BOUNDS, FaultCode.STEP_TOO_LONG)
             first, extent = self._medians_m
@@ -69,12 +69,12 @@ class FrameCheck:
                 f"a first waypoint {first:.4g} from the origin, the last {extent:.4g} from it; median "
                 f"of {len(self._sources.x_m[0]):,} source trajectories"
             )
-            self._refuse(faults, "metres, from the rear axle at t = 0", got, wrong_unit)
+            self._add_fault(faults, "metres, from the rear axle at t = 0", got, wrong_unit)
             return
         limit_deg = self._protocol.plausibility.frame_check_max_angle_deg
         median_deg = math.degrees(statistics.median(map(abs, self._angles_rad)))
         if median_deg > limit_deg:
-            self._refuse(
+            self._add_fault(
                 faults,
                 f"a median angle to +x of at most {limit_deg:g} "
                 "degrees over the source trajectories that move",
@@ -82,7 +82,7 @@ class FrameCheck:
                 mended or frame_verdict(self._angles_rad, math.radians(limit_deg)),
             )
 
-    def _away(self) -> str | None:
+    def _not_at_car(self) -> str | None:
         """Say what it looks like where the trajectories do not begin at the car."""
         first, extent = self._medians_m
         if extent == 0 and first > 1:
@@ -119,7 +119,7 @@ class FrameCheck:
         )
         return f"sources of {speed_mps:.4g} m/s: {mended or guess}"
 
-    def _refuse(self, faults: FaultList, expected: str, got: str, verdict: str) -> None:
+    def _add_fault(self, faults: FaultList, expected: str, got: str, verdict: str) -> None:
         faults.add(
             FaultCode.WRONG_FRAME, ("predictions",), expected=expected, got=got, hint=verdict
         )

@@ -134,17 +134,19 @@ def _gunzip(data: bytes, max_inflated_bytes: int, library: ModuleType) -> bytes:
     try:
         inflated: bytes = inflater.decompress(data, max_inflated_bytes + 1)
     except library.error:
-        raise _damaged("data that cannot be inflated, or that fails its checksum") from None
+        raise _damaged_gzip("data that cannot be inflated, or that fails its checksum") from None
     if len(inflated) > max_inflated_bytes:
         return inflated
     if not inflater.eof:
-        raise _damaged("a stream that stops before its end; was the upload or the copy cut off?")
+        raise _damaged_gzip(
+            "a stream that stops before its end; was the upload or the copy cut off?"
+        )
     if inflater.unused_data.startswith(GZIP_MAGIC):
-        raise _damaged(STREAMS)
+        raise _damaged_gzip(STREAMS)
     if inflater.unused_data:
-        raise _damaged(f"{counted(len(inflater.unused_data), 'byte')} after the stream's end")
+        raise _damaged_gzip(f"{counted(len(inflater.unused_data), 'byte')} after the stream's end")
     return inflated
 
 
-def _damaged(got: str) -> UnreadableFileError:
+def _damaged_gzip(got: str) -> UnreadableFileError:
     return UnreadableFileError(FaultCode.DAMAGED_GZIP, "one complete gzip stream", got)

@@ -85,7 +85,7 @@ class PlanningRules:
     def take(self, columns: PlanningColumns) -> Mapping[str, TrajectoryPair] | None:
         """Take all predictions of a file at once; None where a number may be out of bounds: none is taken."""
         n_waypoints, sides = self._geometry.waypoints, (columns.source, columns.edited)
-        source, edited = (_flat(side.numbers) for side in sides)
+        source, edited = (_flat_array(side.numbers) for side in sides)
         answers: Mapping[str, TrajectoryPair]
         if all(all(side.is_given) for side in sides):
             answers = PairsOfColumns(columns.sample_ids, source, edited, n_waypoints)
@@ -178,12 +178,12 @@ class PlanningRules:
         )
         blind = (
             f"it will be flagged {FLAGS[code].label}: {why}"
-            for code, why in self._blind(profile)
+            for code, why in self._blind_flag(profile)
             if code not in self._protocol.ranking.unranked_flags
         )
-        return *missing, *self._zeros(n_predictions), *blind
+        return *missing, *self._zero_warnings(n_predictions), *blind
 
-    def _zeros(self, n_predictions: int) -> Iterator[str]:
+    def _zero_warnings(self, n_predictions: int) -> Iterator[str]:
         """Say where zeros may stand for no answer: the car was too fast to stand at once."""
         if self._tracks is None:
             return
@@ -205,12 +205,12 @@ class PlanningRules:
         }
         reasons = [too_little_covered(PLANNING.words.covered, shares, ranking.min_coverage)]
         if ranking.unranked_flags and all(shares.values()):
-            for code, why in self._flags(n_predictions, profile, shares):
+            for code, why in self._file_flags(n_predictions, profile, shares):
                 if code in ranking.unranked_flags:
                     reasons.append(f"flagged {FLAGS[code].label}: {why}")
         return "; ".join(filter(None, reasons)) or None
 
-    def _flags(
+    def _file_flags(
         self, n_predictions: int, profile: FileProfile | None, shares: Mapping[str, float]
     ) -> Iterator[tuple[str, str]]:
         """Yield the flags that a file tells of without its regions, and why (docs/protocol.md 5).
@@ -230,7 +230,7 @@ class PlanningRules:
             are = "are missing or stand still" if shares["source"] < 1 else "stand still"
             share = share_past(source, section.flag_source_stationary)
             yield "source_stands_still", f"{share} of the source trajectories {are}"
-        yield from self._blind(profile)
+        yield from self._blind_flag(profile)
         yield from motion_flags(self._tracks, n_predictions, self._protocol)
         same = profile.same_edited or 0.0
         if same > section.flag_same_answer:
@@ -240,7 +240,7 @@ class PlanningRules:
         if median_m is not None and median_m > section.flag_off_course_m:
             yield "off_course", f"median source L2 {median_m:.2f} m"
 
-    def _blind(self, profile: FileProfile | None) -> Iterator[tuple[str, str]]:
+    def _blind_flag(self, profile: FileProfile | None) -> Iterator[tuple[str, str]]:
         """Yield the flag of a file whose pairs are nearly all equal, and why."""
         equal = 0.0 if profile is None else profile.equal_pairs or 0.0
         most = self._protocol.plausibility.flag_blind
@@ -265,16 +265,20 @@ class PlanningRules:
             is_null = is_null_word(value)
             got = shown(value) if is_null else kind(value)
             advice = NULL_WORD_HINT if is_null else None
-            self._refuse(FaultCode.WRONG_TYPE, path, self._form, got, sample_id, advice)
+            self._refuse(FaultCode.WRONG_TYPE, path, self._trajectory_form, got, sample_id, advice)
             return None
         if value and all(type(each) in NUMBERS for each in value):
             got = f"one flat list of {counted(len(value), 'number')}"
-            self._refuse(FaultCode.WRONG_WAYPOINT_SHAPE, path, self._form, got, sample_id)
+            self._refuse(
+                FaultCode.WRONG_WAYPOINT_SHAPE, path, self._trajectory_form, got, sample_id
+            )
             return None
         if value and all(map(_is_trajectory, value)):
             got = f"a list of {counted(len(value), 'trajectory', 'trajectories')}"
             hint = f"write one trajectory, not several modes; {CONVERT} --mode 0` takes the first"
-            self._refuse(FaultCode.WRONG_WAYPOINT_SHAPE, path, self._form, got, sample_id, hint)
+            self._refuse(
+                FaultCode.WRONG_WAYPOINT_SHAPE, path, self._trajectory_form, got, sample_id, hint
+            )
             return None
         return self._waypoints(value, path, sample_id)
 
@@ -395,7 +399,7 @@ class PlanningRules:
         self._refuse(FaultCode.WRONG_WAYPOINT_COUNT, path, expected, got, sample_id, hint)
 
     @property
-    def _form(self) -> str:
+    def _trajectory_form(self) -> str:
         return f"[[x, y] x {self._geometry.waypoints}] or null"
 
 
@@ -413,7 +417,7 @@ CLEARLY_MOVES_M = 5.0
 _NEGATIVE_ZERO = array("d", [-0.0]).tobytes()
 
 
-def _flat(numbers: Sequence[float]) -> array[float]:
+def _flat_array(numbers: Sequence[float]) -> array[float]:
     """Return an array without negative zeros."""
     flat = array("d", numbers)
     as_bytes, size, at = flat.tobytes(), flat.itemsize, -1

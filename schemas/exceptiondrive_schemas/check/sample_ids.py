@@ -35,8 +35,8 @@ class NearestId:
             return of_name
         if len(wanted) > MAX_ID_CHARACTERS:
             return None
-        near = _around(self._forward, wanted)
-        near += [valid_id[::-1] for valid_id in _around(self._backward, wanted[::-1])]
+        near = _neighbours_of(self._forward, wanted)
+        near += [valid_id[::-1] for valid_id in _neighbours_of(self._backward, wanted[::-1])]
         found = difflib.get_close_matches(wanted, near, n=1, cutoff=SIMILARITY)
         return found[0] if found else None
 
@@ -48,7 +48,7 @@ class NearestId:
         return next((self._valid[name] for name in names if name in self._valid), None)
 
 
-def _around(ordered: list[str], wanted: str) -> list[str]:
+def _neighbours_of(ordered: list[str], wanted: str) -> list[str]:
     at = bisect(ordered, wanted)
     return ordered[max(at - NEIGHBOURS, 0) : at + NEIGHBOURS]
 
@@ -71,14 +71,14 @@ class SampleIds:
         if not isinstance(value, str) or not value:
             got = "an empty text" if value == "" else kind(value)
             hint = "take the ids from the manifest; a number or a place in a list is none"
-            self._refuse(FaultCode.WRONG_TYPE, index, "a sample id in quotes", got, hint)
+            self._add_fault(FaultCode.WRONG_TYPE, index, "a sample id in quotes", got, hint)
             return None
         if self._valid is None:
-            return self._once(value, index) if self._is_sound(value, index) else None
+            return self._admit_once(value, index) if self._is_sound(value, index) else None
         if value not in self._valid:
             self._note_unknown(value, index)
             return None
-        return self._once(value, index)
+        return self._admit_once(value, index)
 
     def are_sound(self, sample_ids: Sequence[str]) -> bool:
         """Whether these certainly are the ids of a file without a fault; then none is looked at again."""
@@ -110,12 +110,12 @@ class SampleIds:
         """Whether there are ids, and none of them is in the split."""
         return bool(self._unknown) and not self._first_at
 
-    def _once(self, value: str, index: int) -> str | None:
+    def _admit_once(self, value: str, index: int) -> str | None:
         first = self._first_at.setdefault(value, index)
         if first == index:
             return value
         got = f"{quoted(value)} also at $.predictions[{first}]"
-        self._refuse(
+        self._add_fault(
             FaultCode.DUPLICATE_SAMPLE, index, "every sample once", got, sample_id=escaped(value)
         )
         return None
@@ -136,7 +136,7 @@ class SampleIds:
         for index, text in self._unknown:
             nearest = valid.nearest(text)
             hint = f"did you mean {quoted(nearest)}?" if nearest else None
-            self._refuse(
+            self._add_fault(
                 FaultCode.UNKNOWN_SAMPLE,
                 index,
                 f"a sample id of the split {name}",
@@ -176,7 +176,7 @@ class SampleIds:
             )
         self._faults.count(FaultCode.MISSING_SAMPLE, missing[MAX_EXAMPLES:])
 
-    def _refuse(
+    def _add_fault(
         self,
         code: FaultCode,
         index: int,

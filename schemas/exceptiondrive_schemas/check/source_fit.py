@@ -106,7 +106,7 @@ def file_profile(
     whole: Mapping[str, Whole] = pairs
     if tracks is None:
         whole = {
-            sample_id: (_whole(pair.source, n_wanted), _whole(pair.edited, n_wanted))
+            sample_id: (_if_complete(pair.source, n_wanted), _if_complete(pair.edited, n_wanted))
             for sample_id, pair in pairs.items()
         }
         tracks = PairTracks.of(whole.values(), n_wanted)
@@ -162,7 +162,7 @@ def file_profile(
     )
 
 
-def _whole(flat: array[float] | None, n_wanted: int) -> array[float] | None:
+def _if_complete(flat: array[float] | None, n_wanted: int) -> array[float] | None:
     return flat if flat is not None and len(flat) == 2 * n_wanted else None
 
 
@@ -234,11 +234,11 @@ def _best_mend(
     ]
     if len(moving) < MIN_COMPARED:
         return None
-    tried = _some(moving)
+    tried = _evenly_chosen(moving)
     as_is = [
         (each.source[: len(each.recorded)], each.recorded[: len(each.source)]) for each in tried
     ]
-    error = _error(as_is)
+    error = _median_error(as_is)
     if n_given is not None:
         return _best_of(tried, error, of_time(geometry, n_given))
     transformations = [EXCHANGE]
@@ -264,7 +264,7 @@ def _best_of(
 
     def after(transformation: Transformation, samples: Sequence[Compared]) -> float | None:
         known = list(filter(None, map(transformation.apply, samples)))
-        return _error(known) if len(known) >= MIN_COMPARED else None
+        return _median_error(known) if len(known) >= MIN_COMPARED else None
 
     near = (each for each in transformations if (after(each, tried[::FIRST_LOOK]) or 0) <= FAR_OFF)
     found = [(off, each) for each in near if (off := after(each, tried)) is not None]
@@ -274,14 +274,14 @@ def _best_of(
     if mended_error > FITS or (times_better and error <= times_better * mended_error):
         return None
     changes = [
-        (_off(each.source, each.recorded), _off(*pair))
+        (_relative_distance(each.source, each.recorded), _relative_distance(*pair))
         for each in tried
         if (pair := best.apply(each)) and len(each.source) == len(each.recorded)
     ]
     return _whole_or_part(best, error, mended_error, changes)
 
 
-def _off(points: Points, recorded: Points) -> float:
+def _relative_distance(points: Points, recorded: Points) -> float:
     """Return how far points are off what was recorded, as a share of its distance from the origin."""
     scale_m = sum(math.hypot(*point) for point in recorded)
     return sum(_distances_m(points, recorded)) / scale_m if scale_m else 0.0
@@ -322,11 +322,11 @@ def _by_hand(looks_like: str, cure: str) -> Mend:
 _One = TypeVar("_One")
 
 
-def _some(samples: Sequence[_One]) -> Sequence[_One]:
+def _evenly_chosen(samples: Sequence[_One]) -> Sequence[_One]:
     return samples[:: math.ceil(len(samples) / MAX_COMPARED)]
 
 
-def _error(pairs: Sequence[tuple[Points, Points]]) -> float:
+def _median_error(pairs: Sequence[tuple[Points, Points]]) -> float:
     """Return the median distance as a share of the median distance of what was recorded."""
     origin = (0.0, 0.0)
     distance_m = statistics.median(sum(_distances_m(*pair)) for pair in pairs)
@@ -341,7 +341,7 @@ def _sideways_mend(moving: Sequence[Compared]) -> Mend | None:
     turning = [each for each in moving if abs(each.recorded[-1][1]) > TURNS_ABOVE_M]
     if len(turning) < MIN_COMPARED:
         return None
-    ends = [(each.source[-1][1], each.recorded[-1][1]) for each in _some(turning)]
+    ends = [(each.source[-1][1], each.recorded[-1][1]) for each in _evenly_chosen(turning)]
     scale_m = statistics.median(abs(driven_m) for _, driven_m in ends)
     error = statistics.median(abs(y_m - driven_m) for y_m, driven_m in ends) / scale_m
     mended = statistics.median(abs(y_m + driven_m) for y_m, driven_m in ends) / scale_m
@@ -393,7 +393,7 @@ def _offset_mend(compared: Sequence[Compared]) -> Mend | None:
     )
     if abs(offset_m) < OFFSET_ABOVE_M or (are_alike or 0.0) < FROM_ORIGIN:
         return None
-    shifted = _ahead(offset_m)
+    shifted = _origin_ahead(offset_m)
     return Mend(
         looks_like=f"{shifted.looks_like}: there begin those of cars that stand",
         convert_option=shifted.option,
@@ -408,10 +408,10 @@ def _offset_of_moving(tried: Sequence[Compared], error: float) -> Mend | None:
     offset_m = statistics.median(gaps_m)
     if abs(offset_m) < OFFSET_ABOVE_M:
         return None
-    return _best_of(tried, error, [_ahead(offset_m)], FITS_BETTER)
+    return _best_of(tried, error, [_origin_ahead(offset_m)], FITS_BETTER)
 
 
-def _ahead(offset_m: float) -> Transformation:
+def _origin_ahead(offset_m: float) -> Transformation:
     return of_source(
         f"waypoints of a point {offset_m:.2f} m ahead of the rear axle",
         f"--origin-offset-m {-offset_m:.2f} --follows rear-axle",
@@ -460,13 +460,13 @@ def _row_mend(
     if tracks.n_both == len(whole):  # all rows stand in the columns, in their order
         sources, edits = ((side.x_m[0], side.y_m[0]) for side in (tracks.source, tracks.edited))
     else:
-        sources = _firsts(source for source, _ in whole.values())
-        edits = _firsts(of_edit for _, of_edit in whole.values())
-    of_edited = _neighbour(sources, edits)
+        sources = _first_points(source for source, _ in whole.values())
+        edits = _first_points(of_edit for _, of_edit in whole.values())
+    of_edited = _nearer_neighbour(sources, edits)
     found = None
     if recorded:
         drives = (recorded[name][0] if name in recorded else None for name in whole)
-        found = _neighbour(_firsts(drives), sources)
+        found = _nearer_neighbour(_first_points(drives), sources)
     if found is not None:
         what = "trajectories" if of_edited is None else "source trajectories"
         own = "drive"
@@ -514,7 +514,7 @@ def _edited_mend(sources: Tracks, edited: Tracks, plausibility: PlausibilitySect
     if sum(is_moving) < MIN_COMPARED:
         return None
     own, at = (
-        Steps(*(_some(list(compress(column, is_moving))) for column in step))
+        Steps(*(_evenly_chosen(list(compress(column, is_moving))) for column in step))
         for step in (at_edit, at_source)
     )
     scale_m = statistics.median(at.length_m)
@@ -541,7 +541,7 @@ def _edited_mend(sources: Tracks, edited: Tracks, plausibility: PlausibilitySect
     )
 
 
-def _firsts(points: Iterable[Sequence[float] | None]) -> tuple[Column, Column]:
+def _first_points(points: Iterable[Sequence[float] | None]) -> tuple[Column, Column]:
     """Return x and y that stand first in each, NaN where there is none."""
     firsts = [_ABSENT if point is None else (point[0], point[1]) for point in points]
     x_m, y_m = zip(*firsts, strict=True)
@@ -551,7 +551,7 @@ def _firsts(points: Iterable[Sequence[float] | None]) -> tuple[Column, Column]:
 _ABSENT = (math.nan, math.nan)
 
 
-def _neighbour(
+def _nearer_neighbour(
     own: tuple[Column, Column], answers: tuple[Column, Column]
 ) -> tuple[float, str] | None:
     """Return the share of answers that are nearer to what a neighbour is, and on which side of it.

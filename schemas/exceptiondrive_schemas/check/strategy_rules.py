@@ -77,7 +77,7 @@ class StrategyRules:
 
     def _strategy(self, value: Any, path: Path, sample_id: str | None) -> Strategy | None:
         code = FaultCode.UNKNOWN_STRATEGY
-        letter = self._choice(value, STRATEGIES, code, "A, B, C, D, E or null", path, sample_id)
+        letter = self._one_of(value, STRATEGIES, code, "A, B, C, D, E or null", path, sample_id)
         return Strategy(letter) if letter is not None else None
 
     def _reminder(self, value: Any, path: Path, sample_id: str | None) -> ReminderRecord | None:
@@ -110,7 +110,7 @@ class StrategyRules:
                 "none, low, medium, high or null",
             ),
         ):
-            self._choice(fields[key], allowed, code, expected, (*path, key), sample_id)
+            self._one_of(fields[key], allowed, code, expected, (*path, key), sample_id)
         fields["recommended_strategy"] = self._strategy(
             fields["recommended_strategy"], (*path, "recommended_strategy"), sample_id
         )
@@ -125,7 +125,7 @@ class StrategyRules:
                 )
         return fields
 
-    def _choice(
+    def _one_of(
         self,
         value: Any,
         allowed: frozenset[str],

@@ -61,15 +61,15 @@ class Tracks:
     @cached_property
     def step_lengths_m(self) -> tuple[Column, ...]:
         """How long T steps are, the first one from the origin."""
-        return tuple(list(map(math.hypot, x, y)) for x, y in self._moved())
+        return tuple(list(map(math.hypot, x, y)) for x, y in self._steps_of())
 
     @property
     def steps(self) -> Iterator[Steps]:
         """Yield these steps."""
-        for (x, y), length_m in zip(self._moved(), self.step_lengths_m, strict=True):
+        for (x, y), length_m in zip(self._steps_of(), self.step_lengths_m, strict=True):
             yield Steps(list(x), list(y), length_m)
 
-    def _moved(self) -> Iterator[tuple[Iterable[float], Iterable[float]]]:
+    def _steps_of(self) -> Iterator[tuple[Iterable[float], Iterable[float]]]:
         origin = [0.0] * self.n
         for x, x_before, y, y_before in zip(
             self.x_m, (origin, *self.x_m), self.y_m, (origin, *self.y_m), strict=False

@@ -125,7 +125,7 @@ def of_source(
     )
 
 
-def _exchanged(sample: Compared) -> tuple[Points, Points] | None:
+def _exchange_sides(sample: Compared) -> tuple[Points, Points] | None:
     return None if sample.edited is None else (sample.edited, sample.recorded)
 
 
@@ -162,7 +162,7 @@ SPATIAL: tuple[Transformation, ...] = (
 """Another frame, unit or meaning of the numbers."""
 TIME_FACTORS = (0.1, 0.2, 0.4, 0.5, 1.0, 2.0, 5.0)
 MIRROR = SPATIAL[0]
-EXCHANGE = Transformation("source and edited exchanged", "--exchange", _exchanged)
+EXCHANGE = Transformation("source and edited exchanged", "--exchange", _exchange_sides)
 """Where edits are slight, a file fits exchanged, too, and much better as it should be."""
 
 

@@ -108,11 +108,11 @@ def protocol_difference(
         stage=stage,
         n_sheets=n_repeated,
         sentence=f"{_WORK[stage]}{work}",
-        remark="; ".join(_remarks(old, new)) or None,
+        remark="; ".join(_author_remarks(old, new)) or None,
     )
 
 
-def _remarks(old: ProtocolDocument, new: ProtocolDocument) -> Iterator[str]:
+def _author_remarks(old: ProtocolDocument, new: ProtocolDocument) -> Iterator[str]:
     if _numbers(new.version) < _numbers(old.version):
         yield f"{new.version} is an earlier version than {old.version}"
     if new.changes == old.changes and new.digest != old.digest:
@@ -176,7 +176,7 @@ def _protocol_changes(old: ProtocolDocument, new: ProtocolDocument) -> Iterator[
             if name == "order":
                 yield from _order_changes(stage, *pair)
             else:
-                yield Change(sentence=_value_sentence(_words(name), name, *pair), stage=stage)
+                yield Change(sentence=_value_sentence(_field_title(name), name, *pair), stage=stage)
 
 
 def _order_changes(stage: Stage, old: dict[str, Any], new: dict[str, Any]) -> Iterator[Change]:
@@ -208,7 +208,7 @@ def _item_changes(
         old, new = before[key], after[key]
         for name in (name for name in new if old.get(name) != new.get(name)):
             title = new.get("name") or new.get("title") or key
-            label = f"{_words(name)} of {noun} {key} ({str(title).replace('_', ' ')})"
+            label = f"{_field_title(name)} of {noun} {key} ({str(title).replace('_', ' ')})"
             yield Change(
                 sentence=_value_sentence(label, name, old.get(name), new.get(name)), stage=stage
             )
@@ -226,14 +226,14 @@ def _document(protocol: ProtocolDocument) -> dict[str, Any]:
     return document
 
 
-def _words(name: str) -> str:
+def _field_title(name: str) -> str:
     if name in _NAMES:
         return _NAMES[name]
-    suffix = _suffix(name)
+    suffix = _unit_suffix(name)
     return (name.removesuffix(suffix) if suffix else name).replace("_", " ")
 
 
-def _suffix(name: str) -> str | None:
+def _unit_suffix(name: str) -> str | None:
     found = [suffix for suffix in _UNITS if name.endswith(suffix)]
     return max(found, key=len) if found else None
 
@@ -245,12 +245,12 @@ def _value_sentence(label: str, name: str, old: Any, new: Any) -> str:
         before, after = (
             [FLAGS[code].label if code in FLAGS else code for code in side] for side in (old, new)
         )
-        return f"{label}: {_letters(before)} -> {_letters(after)}"
+        return f"{label}: {_strategy_letters(before)} -> {_strategy_letters(after)}"
     if name in _STRATEGY_SETS:
-        return f"{label}: {_letters(old)} -> {_letters(new)}"
-    suffix = _suffix(name)
+        return f"{label}: {_strategy_letters(old)} -> {_strategy_letters(new)}"
+    suffix = _unit_suffix(name)
     unit = f" {_UNITS[suffix]}" if suffix else ""
-    return f"{label} {_text(old)} -> {_text(new)}{unit}"
+    return f"{label} {_value_text(old)} -> {_value_text(new)}{unit}"
 
 
 def _caution_sentence(label: str, old: dict[str, int], new: dict[str, int]) -> str:
@@ -268,17 +268,17 @@ def _by_caution(ranks: dict[str, int]) -> str:
     return " < ".join(" = ".join(groups[rank]) for rank in sorted(groups))
 
 
-def _letters(strategies: list[str]) -> str:
+def _strategy_letters(strategies: list[str]) -> str:
     return ", ".join(strategies) or "none"
 
 
-def _text(value: Any) -> str:
+def _value_text(value: Any) -> str:
     if value is None:
         return "none"
     if isinstance(value, list):
-        return "[" + ", ".join(_text(item) for item in value) + "]"
+        return "[" + ", ".join(_value_text(item) for item in value) + "]"
     if isinstance(value, dict):
-        return "{" + ", ".join(f"{key} {_text(item)}" for key, item in value.items()) + "}"
+        return "{" + ", ".join(f"{key} {_value_text(item)}" for key, item in value.items()) + "}"
     if isinstance(value, bool):
         return "yes" if value else "no"
     return str(value)

@@ -31,9 +31,9 @@ def unkeepable(document: Mapping[str, Any]) -> Iterator[str]:
     """Name every value that TOML knows and a protocol does not: times, and no finite numbers."""
     for place, value in _leaves(document, ()):
         if isinstance(value, date | time):
-            yield f"{_words(place, document)}: should be a number or text, not a date or time"
+            yield f"{_place_text(place, document)}: should be a number or text, not a date or time"
         elif isinstance(value, float) and not math.isfinite(value):
-            yield f"{_words(place, document)}: should be a finite number, not {value}"
+            yield f"{_place_text(place, document)}: should be a finite number, not {value}"
 
 
 def _leaves(value: object, place: Place) -> Iterator[tuple[Place, object]]:
@@ -62,24 +62,24 @@ def faults_of(
 
 def _line(item: Any, document: Mapping[str, Any], models: Mapping[str, type[BaseModel]]) -> str:
     place: Place = item["loc"]
-    where = _words(place, document) or "document"
+    where = _place_text(place, document) or "document"
     kind, message = item["type"], str(item["msg"])
     if kind == "missing":
         return f"{where}: is missing"
     if kind == "extra_forbidden":
-        return f"{where}: is not in a protocol{_meant(place, models)}"
+        return f"{where}: is not in a protocol{_suggestion(place, models)}"
     if message.startswith(_OWN_WORDS):
         return f"{where}: {message.removeprefix(_OWN_WORDS)}"
     shape = _SHAPES.get(place[-1] if place else "") if kind == "string_pattern_mismatch" else None
     if shape is not None:
-        return f"{where}: should be {shape}{_given(item['input'])}"
+        return f"{where}: should be {shape}{_given_value(item['input'])}"
     thing, should, rest = message.partition(" should ")
     if should and " " not in thing:  # "Input should", "String should"
-        return f"{where}: should {rest}{_given(item['input'])}"
+        return f"{where}: should {rest}{_given_value(item['input'])}"
     return f"{where}: {message}"
 
 
-def _meant(place: Place, models: Mapping[str, type[BaseModel]]) -> str:
+def _suggestion(place: Place, models: Mapping[str, type[BaseModel]]) -> str:
     """Name what was probably meant: a unit or a letter is soon wrong."""
     section = str(place[0]) if len(place) > 1 else ""
     model = models.get(section)
@@ -90,25 +90,25 @@ def _meant(place: Place, models: Mapping[str, type[BaseModel]]) -> str:
     return f"; is {near[0]} meant?" if near else ""
 
 
-def _given(value: object) -> str:
+def _given_value(value: object) -> str:
     if isinstance(value, str | int | float | bool):
         text = json.dumps(value)
         return f", not {text if len(text) <= _LONGEST else text[:_LONGEST] + '...'}"
     return ""
 
 
-def _words(place: Place, document: Any) -> str:
+def _place_text(place: Place, document: Any) -> str:
     """Write a place as `tasks.3 (LB1).d_safe_m`."""
     parts = []
     for step in place:
-        document = _at(document, step)
+        document = _item_at(document, step)
         name = str(step)[:_LONGEST]
         key = document.get("id") if isinstance(document, dict) else None
         parts.append(f"{name} ({key[:_LONGEST]})" if isinstance(key, str) else name)
     return ".".join(parts)
 
 
-def _at(document: Any, step: str | int) -> Any:
+def _item_at(document: Any, step: str | int) -> Any:
     try:
         return document[step]
     except (LookupError, TypeError):

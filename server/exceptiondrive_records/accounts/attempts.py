@@ -64,7 +64,7 @@ def count_attempt(session: Session, limits: Mapping[str, int]) -> None:
     """
     now = database_now(session)
     for key, limit in sorted(limits.items()):
-        row = _locked(session, key, now)
+        row = _locked_row(session, key, now)
         if row.since <= now - WINDOW:
             row.n, row.since = 0, now
         if row.n >= limit:
@@ -83,7 +83,7 @@ def give_attempt_back(session: Session, limits: Mapping[str, int]) -> None:
     )
 
 
-def _locked(session: Session, key: str, now: datetime) -> SignInAttempts:
+def _locked_row(session: Session, key: str, now: datetime) -> SignInAttempts:
     """Return the row of a key, made if it is new, locked until the transaction ends."""
     locked = upsert(session, SignInAttempts, (), _AS_IT_IS, takes=(), keys=("key",))
     session.execute(locked, {"key": key, "n": 0, "since": now})

@@ -38,7 +38,7 @@ def live_tokens_by_maker(
     """
     makers, now = makers_of_tokens(session, team_id), database_now(session)
     live = [token for token in list_tokens(session, team_id) if is_live(token, now)]
-    return {actor: _made(actor, makers, live) for actor in actors}
+    return {actor: _tokens_made_by(actor, makers, live) for actor in actors}
 
 
 def left_behind(session: Session, actor: str, team_id: int | None = None) -> list[Token]:
@@ -46,7 +46,7 @@ def left_behind(session: Session, actor: str, team_id: int | None = None) -> lis
     return live_tokens_by_maker(session, [actor], team_id)[actor]
 
 
-def _made(actor: str, makers: Mapping[str, str], live: Iterable[Token]) -> list[Token]:
+def _tokens_made_by(actor: str, makers: Mapping[str, str], live: Iterable[Token]) -> list[Token]:
     reached, before = {actor}, 0
     while len(reached) > before:
         before = len(reached)
@@ -58,7 +58,9 @@ def makers_in_words(session: Session, team_id: int, makers: Mapping[str, str]) -
     """Return who made each token in words for the team: its tokens and its people by name alone."""
     own = {f"token:{one.id}": f"{one.name} ({one.prefix})" for one in list_tokens(session, team_id)}
     own |= _people(session, team_id, set(makers.values()))
-    return {token_id: own.get(actor) or _beyond(actor) for token_id, actor in makers.items()}
+    return {
+        token_id: own.get(actor) or _maker_outside_team(actor) for token_id, actor in makers.items()
+    }
 
 
 def _people(session: Session, team_id: int, actors: Collection[str]) -> dict[str, str]:
@@ -75,6 +77,6 @@ def _people(session: Session, team_id: int, actors: Collection[str]) -> dict[str
     return names
 
 
-def _beyond(actor: str) -> str:
+def _maker_outside_team(actor: str) -> str:
     """Return who made a token that neither is of the team nor was."""
     return actor if actor == "registration" else "organizers"

@@ -66,9 +66,11 @@ def welcome_person(session: Session, identity: Identity) -> Person:
     )
     person = session.scalars(query.execution_options(populate_existing=True)).one()
     person.name = (
-        _fit((identity.name or "")[:MAX_NAME], MAX_NAME) or person.name or f"Person {person.id[:6]}"
+        _safe_text((identity.name or "")[:MAX_NAME], MAX_NAME)
+        or person.name
+        or f"Person {person.id[:6]}"
     )
-    person.email = _fit(identity.email, MAX_EMAIL)
+    person.email = _safe_text(identity.email, MAX_EMAIL)
     return person
 
 
@@ -121,7 +123,7 @@ def set_organizer(
     return person
 
 
-def _fit(text: str | None, max_length: int) -> str | None:
+def _safe_text(text: str | None, max_length: int) -> str | None:
     """Return a provider's text if it can be shown safely: a bad name is no reason to refuse."""
     if text is None:
         return None
@@ -253,7 +255,7 @@ def open_invitations(session: Session, team_id: int) -> list[Invitation]:
     """Return the invitations of a team that may still be used, newest first."""
     query = (
         select(Invitation)
-        .where(Invitation.team_id == team_id, *_usable(session))
+        .where(Invitation.team_id == team_id, *_is_usable(session))
         .order_by(Invitation.created_at.desc(), Invitation.id)
     )
     return list(session.scalars(query))
@@ -304,7 +306,7 @@ def find_invitation(session: Session, text: str, person_id: str | None) -> tuple
     theirs = select(Membership.team_id).where(Membership.person_id == person_id)
     is_theirs = and_(Invitation.used_by == person_id, Invitation.team_id.in_(theirs))
     query = select(Invitation, Team).join(Team, Team.id == Invitation.team_id)
-    is_open = or_(and_(*_usable(session)), is_theirs)
+    is_open = or_(and_(*_is_usable(session)), is_theirs)
     found = session.execute(query.where(Invitation.id == invitation_id, is_open)).one_or_none()
     expected = found[0].secret_digest if found is not None else _NO_INVITATION
     is_right = hmac.compare_digest(secret_digest(secret), expected)
@@ -328,7 +330,7 @@ def accept_invitation(session: Session, text: str, person_id: str, *, actor: str
     hold_team(session, team.id)
     used = session.scalars(
         update(Invitation)
-        .where(Invitation.id == invitation.id, *_usable(session))
+        .where(Invitation.id == invitation.id, *_is_usable(session))
         .values(used_at=database_now(session), used_by=person_id)
         .returning(Invitation.id)
     ).one_or_none()
@@ -351,7 +353,7 @@ def withdraw_invitation(session: Session, team_id: int, invitation_id: str, *, a
     """
     query = select(Invitation, Team.slug).join(Team, Team.id == Invitation.team_id)
     is_theirs = (Invitation.id == invitation_id, Invitation.team_id == team_id)
-    found = session.execute(query.where(*is_theirs, *_usable(session))).one_or_none()
+    found = session.execute(query.where(*is_theirs, *_is_usable(session))).one_or_none()
     if found is None:
         raise NotFound("invitation", invitation_id)
     invitation, slug = found
@@ -363,12 +365,12 @@ def withdraw_invitations_of(
     session: Session, made_by: str, *of: ColumnElement[bool], actor: str
 ) -> None:
     """Make useless what links somebody made who may make none any more: all, or those that are meant."""
-    query = select(Invitation).where(Invitation.made_by == made_by, *of, *_usable(session))
+    query = select(Invitation).where(Invitation.made_by == made_by, *of, *_is_usable(session))
     for invitation in session.scalars(query):
         withdraw_invitation(session, invitation.team_id, invitation.id, actor=actor)
 
 
-def _usable(session: Session) -> tuple[ColumnElement[bool], ...]:
+def _is_usable(session: Session) -> tuple[ColumnElement[bool], ...]:
     now = database_now(session)
     return (
         Invitation.used_at.is_(None),

@@ -40,7 +40,7 @@ SET_BACK = seconds_from_now(literal_column("60"))
 
 
 @compiles(seconds_from_now)
-def _later(element: Function[datetime], compiler: SQLCompiler, **how: Any) -> str:
+def _postgres_later(element: Function[datetime], compiler: SQLCompiler, **how: Any) -> str:
     seconds = compiler.process(element.clauses, **how)
     return f"(statement_timestamp() + make_interval(secs => {seconds}))"
 
@@ -52,7 +52,7 @@ def _later_in_sqlite(element: Function[datetime], compiler: SQLCompiler, **how: 
 
 
 @compiles(seconds_since)
-def _passed(element: Function[float], compiler: SQLCompiler, **how: Any) -> str:
+def _postgres_passed(element: Function[float], compiler: SQLCompiler, **how: Any) -> str:
     since = compiler.process(element.clauses, **how)
     return f"extract(epoch FROM statement_timestamp() - {since})"
 

@@ -92,7 +92,7 @@ class Database:
         with self._writes() as session, session.begin():
             yield session
             session.flush()
-            _end(session)
+            _end_transaction(session)
 
     @contextmanager
     def claim(self) -> Iterator[Session]:
@@ -140,7 +140,7 @@ def _by_key(kind: type[Base]) -> Select[Any]:
     return select(kind).where(*(column == bindparam(column.name) for column in keys))
 
 
-def _end(session: Session) -> None:
+def _end_transaction(session: Session) -> None:
     """Do what comes last and chain the audit lines; on PostgreSQL commit in the same breath.
 
     There what is sent together has to end itself where a condition fails: nothing divides by zero.
@@ -282,12 +282,12 @@ def insert_if_absent(
 
     `made` is what the database works out, `values` the rest of the row.
     """
-    inserted: Any = session.execute(_inserting(_insert(session), table, made), values)
+    inserted: Any = session.execute(_insert_statement(_insert(session), table, made), values)
     return bool(inserted.rowcount == 1)
 
 
 @lru_cache
-def _inserting(insert: Any, table: type[Base], made: Changes) -> Executable:
+def _insert_statement(insert: Any, table: type[Base], made: Changes) -> Executable:
     how: Executable = insert(table.__table__).values(dict(made)).on_conflict_do_nothing()
     return how
 
@@ -307,11 +307,11 @@ def upsert(
     the new row, `changes` the same of the one that is there, `takes` what that one takes over of
     the new row, `keys` what is unique.
     """
-    return _upserting(_insert(session), table, made, changes, takes, keys)
+    return _upsert_statement(_insert(session), table, made, changes, takes, keys)
 
 
 @lru_cache
-def _upserting(
+def _upsert_statement(
     insert: Any,
     table: type[Base],
     made: Changes,

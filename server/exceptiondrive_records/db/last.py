@@ -39,7 +39,7 @@ def do_last(
     Nothing is read of the statement. One that takes a row that others wait for (`is_shared`) comes
     after all others.
     """
-    _of(session).append(_Last(what, dict(given or {}), is_shared))
+    _last_of(session).append(_Last(what, dict(given or {}), is_shared))
 
 
 def require_last(
@@ -49,15 +49,17 @@ def require_last(
 
     Else `refusal` is raised.
     """
-    _of(session).append(_Last(_unless(holds), dict(given), is_shared=True, refusal=refusal))
+    _last_of(session).append(
+        _Last(_fail_unless(holds), dict(given), is_shared=True, refusal=refusal)
+    )
 
 
 @lru_cache
-def _unless(holds: ColumnElement[bool]) -> Executable:
+def _fail_unless(holds: ColumnElement[bool]) -> Executable:
     return select(literal(1) // case((holds, 1), else_=0))
 
 
-def _of(session: Session) -> list[_Last]:
+def _last_of(session: Session) -> list[_Last]:
     kept: list[_Last] = session.info.setdefault(_LAST, [])
     return kept
 

@@ -262,7 +262,7 @@ def grant_to_files(owner_url: str, files: list[Path]) -> list[Role]:
         with database.write() as session:
             for role, url in addresses:
                 is_new = make_role(session, role)
-                if url.password is not None and (is_new or not _opens(url)):
+                if url.password is not None and (is_new or not _can_connect(url)):
                     _set_password(session, role, url.password)
                 grant(session, role)
     finally:
@@ -279,7 +279,7 @@ def make_role(session: Session, role: Role) -> bool:
     return True
 
 
-def _opens(url: URL) -> bool:
+def _can_connect(url: URL) -> bool:
     database = Database(url.render_as_string(hide_password=False))
     try:
         database.engine.connect().close()

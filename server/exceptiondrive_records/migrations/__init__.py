@@ -27,7 +27,7 @@ def migrate(url: str) -> None:
     database = Database(url)
     try:
         _upgrade(database)
-        if lacks := lacking(database):
+        if lacks := missing_schema(database):
             raise SettingsError(f"{lacks}. Nothing can be migrated: {MADE_EARLIER_CURE}.")
     finally:
         database.dispose()
@@ -65,7 +65,7 @@ def is_usable(database: Database) -> bool:
         return _is_usable(session)
 
 
-def lacking(database: Database) -> str:
+def missing_schema(database: Database) -> str:
     """Say which tables and columns this code needs and the database lacks; empty: none."""
     found = inspect(database.engine)
     known = {

@@ -117,9 +117,9 @@ def _events(
 ) -> Iterator[_Event]:
     yield from _outcomes(session, team_id, wishes, now)
     if "overtaken" in wishes:
-        yield from _passed(session, team_id, now)
+        yield from _overtaken_events(session, team_id, now)
     if "phase_ends" in wishes:
-        yield from _ending(session, team_id, now)
+        yield from _deadline_events(session, team_id, now)
 
 
 def _outcomes(
@@ -181,7 +181,7 @@ def _sentences(session: Session, seen: SubmissionView) -> Iterator[str]:
         yield "It is private, and ranks nowhere until your team publishes it."
 
 
-def _passed(session: Session, team_id: int, now: datetime) -> Iterator[_Event]:
+def _overtaken_events(session: Session, team_id: int, now: datetime) -> Iterator[_Event]:
     """Entries with a worse rank than on a board of the last hour, under the same protocol and split.
 
     Of that hour only what came after the last such message: what it told is not told again. That an
@@ -265,7 +265,7 @@ def _best_ranks(
     return [(key, rank, place) for key, rank, place in found if rank and place]
 
 
-def _ending(session: Session, team_id: int, now: datetime) -> Iterator[_Event]:
+def _deadline_events(session: Session, team_id: int, now: datetime) -> Iterator[_Event]:
     """Phases that the team takes part in; once for each minute that is named as its deadline.
 
     Not those that take none of its uploads, as it is disqualified.

@@ -48,7 +48,7 @@ def notify_teams(
     phase = session.get_one(Phase, comparison.phase)
     if phase.visibility == "hidden":
         return
-    changed = _changed(comparison)
+    changed = _changed_entries(comparison)
     own = _submissions(session, [entry.submission_id for entry in changed])
     by_team: defaultdict[Team, list[ChangedEntry]] = defaultdict(list)
     for entry in changed:
@@ -78,7 +78,7 @@ def notify_teams(
         )
 
 
-def _changed(comparison: Comparison) -> list[EntryChange]:
+def _changed_entries(comparison: Comparison) -> list[EntryChange]:
     """Return the entries whose published numbers change."""
     return [entry for entry in comparison.entries if entry.change != "none"]
 
@@ -135,7 +135,7 @@ def tell_team(
         comparison=address,
         **of_update,
     )
-    addresses = listening(session, team.id, wish)
+    addresses = listening_contacts(session, team.id, wish)
     return _put(session, team.id, view, addresses, run_id=run_id, subject=subject)
 
 
@@ -204,10 +204,10 @@ def notices_about(session: Session, submission_id: str) -> list[NotificationView
         .order_by(Notification.created_at.desc(), Notification.id)
     )
     told = map(_view, session.scalars(query))
-    return [view for view in told if _names(view, submission_id)]
+    return [view for view in told if _mentions(view, submission_id)]
 
 
-def _names(view: NotificationView, submission_id: str) -> bool:
+def _mentions(view: NotificationView, submission_id: str) -> bool:
     """Whether a message tells of a submission, leads to it, or has its id among its words."""
     words = (view.title, *view.what_changed, view.comparison)
     return any(submission_id in each for each in words) or any(
@@ -215,7 +215,7 @@ def _names(view: NotificationView, submission_id: str) -> bool:
     )
 
 
-def listening(session: Session, team_id: int, wish: Wish | None) -> list[ContactPoint]:
+def listening_contacts(session: Session, team_id: int, wish: Wish | None) -> list[ContactPoint]:
     """Return the confirmed addresses of a team that want to be told of something; None: all of them."""
     query = select(ContactPoint).where(
         ContactPoint.team_id == team_id,

@@ -53,9 +53,9 @@ def begin_snapshot(session: Session) -> None:
 
 def dump_rows(session: Session, table: Table) -> Iterator[str]:
     """Yield one line of JSON for each row."""
-    plain = _plain(table)
+    plain = _stored_columns(table)
     keys = [column.name for column in table.primary_key]
-    query = select(plain).where(_lasts(plain)).order_by(*(plain.c[key] for key in keys))
+    query = select(plain).where(_is_portable(plain)).order_by(*(plain.c[key] for key in keys))
     for row in session.execute(query.execution_options(yield_per=_AT_ONCE)):
         yield json.dumps([_to_json(value) for value in row], ensure_ascii=False, allow_nan=False)
 
@@ -67,7 +67,7 @@ def column_names(table: Table) -> list[str]:
 
 def load_rows(session: Session, table: Table, lines: Iterable[str]) -> None:
     """Insert dumped rows into an empty table."""
-    plain = _plain(table)
+    plain = _stored_columns(table)
     waiting: list[dict[str, Any]] = []
     for line in lines:
         values = zip(plain.columns, json.loads(line), strict=True)
@@ -83,7 +83,8 @@ def load_rows(session: Session, table: Table, lines: Iterable[str]) -> None:
 def is_empty(session: Session) -> bool:
     """Whether no table holds a row."""
     counts = (
-        select(func.count()).select_from(table).where(_lasts(table)) for table in dumped_tables()
+        select(func.count()).select_from(table).where(_is_portable(table))
+        for table in dumped_tables()
     )
     return not any(session.scalar(count) for count in counts)
 
@@ -108,12 +109,12 @@ def file_digests(
     return sorted(found)
 
 
-def _lasts(table: Table) -> ColumnElement[bool]:
+def _is_portable(table: Table) -> ColumnElement[bool]:
     """Whether a row means something elsewhere: who leads now does not."""
     return table.c.kind != _LEADS if table.name == Leader.__tablename__ else true()
 
 
-def _plain(table: Table) -> Table:
+def _stored_columns(table: Table) -> Table:
     """Return the table with columns that give values as they are stored, not as documents."""
     return Table(
         table.name,

@@ -270,7 +270,7 @@ def _submissions_and_jobs(session: Session) -> Iterator[Violation]:
         jobs=list(session.scalars(select(Job))),
         sheets={(key[0], key[1], key[2]) for key in session.execute(select(*_SHEET_KEY))},
     )
-    for rule in (_first_jobs, _leases, _sheets_of_jobs, _endings):
+    for rule in (_first_jobs, _leases, _sheets_of_jobs, _status_violations):
         yield from rule(held)
 
 
@@ -281,9 +281,9 @@ def damaged_uploads(session: Session, files: FileStore, *, limit_bytes: int) -> 
         try:
             files.read(digest, limit_bytes=limit_bytes)
         except NotFound:
-            found.append(Violation("upload missing", digest, _whose(session, digest)))
+            found.append(Violation("upload missing", digest, _owner_of_file(session, digest)))
         except FileDamaged:
-            text = f"the bytes are not those sent; {_whose(session, digest)}"
+            text = f"the bytes are not those sent; {_owner_of_file(session, digest)}"
             found.append(Violation("upload damaged", digest, text))
         except StoreError as error:
             found.append(Violation("store unreadable", digest, str(error)))
@@ -292,7 +292,7 @@ def damaged_uploads(session: Session, files: FileStore, *, limit_bytes: int) -> 
     return found
 
 
-def _whose(session: Session, digest: str) -> str:
+def _owner_of_file(session: Session, digest: str) -> str:
     ids = session.scalars(select(Submission.id).where(Submission.file_digest == digest))
     named = ", ".join(sorted(ids))
     return f"the file of {named}" if named else "shown of a public split, not sent by a team"
@@ -339,7 +339,7 @@ def _sheets_of_jobs(held: _Held) -> Iterator[Violation]:
             yield Violation("scored without a sheet", job.submission_id, f"under {key[1]}")
 
 
-def _endings(held: _Held) -> Iterator[Violation]:
+def _status_violations(held: _Held) -> Iterator[Violation]:
     """Rejected means a report and no sheet, failed a code, withdrawn a time."""
     scored = {submission_id for submission_id, _, _ in held.sheets}
     for row in held.submissions.values():

@@ -31,7 +31,7 @@ def set_site_links(session: Session, change: SiteLinks, *, actor: str) -> SiteLi
     """
     before = site_links(session)
     given = {name: getattr(change, name) for name in change.model_fields_set}
-    after = _checked(before.model_copy(update=given))
+    after = _checked_links(before.model_copy(update=given))
     changed = {
         name: [getattr(before, name), getattr(after, name)]
         for name in SiteLinks.model_fields
@@ -55,7 +55,7 @@ def say_preparing(session: Session, words: str) -> None:
     session.merge(row)
 
 
-def preparing(session: Session) -> str:
+def in_preparation(session: Session) -> str:
     """Return what is being made now, in a sentence; empty where nothing is."""
     row = session.get(SiteSetting, _PREPARING)
     if row is None or row.changed_at + _PREPARING_AT_LONGEST < database_now(session):
@@ -63,7 +63,7 @@ def preparing(session: Session) -> str:
     return str(row.value["words"])
 
 
-def _checked(links: SiteLinks) -> SiteLinks:
+def _checked_links(links: SiteLinks) -> SiteLinks:
     texts = {
         field.name: checked_text(
             field.label.lower(),

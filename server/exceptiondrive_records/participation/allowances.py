@@ -92,7 +92,7 @@ def set_allowance(
         _require_in_time(session, own_deadline(phase, closes_at) or phase.closes_at, *own)
         session.execute(update(Submission).where(*own).values(granted_until=closes_at))
     renew_boards(session, phase)
-    was, granted = _words(phase, before), _words(phase, after)
+    was, granted = _allowance_words(phase, before), _allowance_words(phase, after)
     detail = {"phase": phase.id, "reason": checked_reason(reason), "was": was, "is": granted}
     audit(session, actor, "allowance changed", team.slug, detail)
     ended = [
@@ -133,7 +133,7 @@ def list_allowances(session: Session, team_id: int) -> list[Allowance]:
     return list(session.scalars(query.order_by(Allowance.phase_id)))
 
 
-def _words(phase: Phase, limits: Mapping[str, Any]) -> list[str]:
+def _allowance_words(phase: Phase, limits: Mapping[str, Any]) -> list[str]:
     until = own_deadline(phase, limits["closes_at"])
     said = {**limits, "closes_at": until and f"{until:%Y-%m-%d %H:%M} UTC"}
     return [f"{_SAID[name]} {value}" for name, value in said.items() if value is not None]

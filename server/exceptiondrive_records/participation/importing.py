@@ -49,7 +49,7 @@ def import_teams(session: Session, text: str, *, actor: str) -> list[ImportedTea
     for number, values in rows:
         try:
             with session.begin_nested():
-                team = _make(session, values, actor)
+                team = _make_team(session, values, actor)
         except Conflict as refusal:  # id and name can be used, so they are short
             earlier = lines.get(values["id"]) or lines.get(_name_key(values["name"]))
             why = f"It has the id or the name of line {earlier}." if earlier else str(refusal)
@@ -106,7 +106,7 @@ def make_team(
     return team
 
 
-def _make(session: Session, values: dict[str, str], actor: str) -> ImportedTeam:
+def _make_team(session: Session, values: dict[str, str], actor: str) -> ImportedTeam:
     team = make_team(
         session,
         values["id"],

@@ -133,7 +133,7 @@ def _digest_of_new(
     ids = [team.id for team in teams]
     weak = select(Team).where(Team.id.in_(ids)).order_by(Team.id).with_for_update(key_share=True)
     for team in session.scalars(weak.execution_options(populate_existing=True)):
-        _readable(session, team)
+        _require_reader(session, team)
     have = select(Notification.id).where(
         Notification.kind == "message",
         Notification.subject == digest,
@@ -158,11 +158,11 @@ def checked_message(title: str, text: str) -> tuple[str, tuple[str, ...]]:
 
 def _teams(session: Session, slugs: Sequence[str], phase_id: str | None) -> list[Team]:
     if slugs:
-        return [_readable(session, find_team(session, slug)) for slug in sorted(set(slugs))]
+        return [_require_reader(session, find_team(session, slug)) for slug in sorted(set(slugs))]
     return teams_that_read(session, phase_id)
 
 
-def _readable(session: Session, team: Team) -> Team:
+def _require_reader(session: Session, team: Team) -> Team:
     """Return a team that somebody reads for."""
     if team.merged_into_id is not None:
         into = session.get_one(Team, team.merged_into_id).slug

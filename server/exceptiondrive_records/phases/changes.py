@@ -62,9 +62,9 @@ def update_phase(session: Session, phase_id: str, change: PhaseChange, *, actor:
     for name in change.model_fields_set - {"page", "policy"}:
         setattr(phase, name, getattr(change, name))
     if "page" in change.model_fields_set:
-        phase.page = phase.page.model_copy(update=_given(change.page))
+        phase.page = phase.page.model_copy(update=_given_fields(change.page))
     if "policy" in change.model_fields_set:
-        policy = phase.policy.model_copy(update=_given(change.policy))
+        policy = phase.policy.model_copy(update=_given_fields(change.policy))
         _keep_promises(
             session, phase, policy, is_over=has_closed(phase, now), is_revealed=was_revealed
         )
@@ -237,6 +237,6 @@ def _document(phase: Phase) -> dict[str, Any]:
     return {**document.pop("page"), **document.pop("policy"), **document}
 
 
-def _given(part: Document) -> dict[str, Any]:
+def _given_fields(part: Document) -> dict[str, Any]:
     """Return what was set in a part of a change."""
     return {name: getattr(part, name) for name in part.model_fields_set}

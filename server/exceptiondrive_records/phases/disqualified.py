@@ -119,12 +119,12 @@ def disqualification_notes(session: Session, phase: Phase) -> tuple[Disqualifica
     Under the names that its board shows. Under pseudonyms a note on all phases
     is left out, since others show it under the name; the day alone is told, which joins no two notes.
     """
-    return tuple(note for _, note in _noted(session, phase))
+    return tuple(note for _, note in _with_public_note(session, phase))
 
 
 def notes_by_submission(session: Session, phase: Phase) -> dict[str, DisqualificationNote]:
     """Return the newest such note on each submission to a phase, be it on its whole team."""
-    noted = _noted(session, phase)
+    noted = _with_public_note(session, phase)
     teams = {row.team_id for row, _ in noted}
     query = select(Submission.id, Submission.team_id)
     query = query.where(Submission.phase_id == phase.id, Submission.team_id.in_(teams))
@@ -137,7 +137,9 @@ def notes_by_submission(session: Session, phase: Phase) -> dict[str, Disqualific
     }
 
 
-def _noted(session: Session, phase: Phase) -> list[tuple[Disqualification, DisqualificationNote]]:
+def _with_public_note(
+    session: Session, phase: Phase
+) -> list[tuple[Disqualification, DisqualificationNote]]:
     is_masked = shows_pseudonyms(session, phase)
     here = Disqualification.phase_id == phase.id
     other = aliased(Submission)  # than the one that the note is about

@@ -182,7 +182,7 @@ def pseudonym_of_team(phase: Phase, team_id: int) -> str:
     It depends on the random salt of the phase alone: without it, neither name nor order of
     registration tells it, and another phase gives another one.
     """
-    letters = _keyed(phase, f"team:{team_id}", 6)
+    letters = _keyed_letters(phase, f"team:{team_id}", 6)
     return f"Team {letters[:3]}-{letters[3:]}"
 
 
@@ -193,10 +193,10 @@ def is_pseudonym(name: str) -> bool:
 
 def pseudonym_of_method(phase: Phase, team_id: int, method: str) -> str:
     """Return the name of a team's method while a phase is anonymous, such as `Method 4FX`."""
-    return f"Method {_keyed(phase, f'method:{team_id}:{method}', 3)}"
+    return f"Method {_keyed_letters(phase, f'method:{team_id}:{method}', 3)}"
 
 
-def _keyed(phase: Phase, text: str, length: int) -> str:
+def _keyed_letters(phase: Phase, text: str, length: int) -> str:
     assert phase.pseudonym_salt is not None
     digest = hmac.new(bytes.fromhex(phase.pseudonym_salt), text.encode(), hashlib.sha256).digest()
     number = int.from_bytes(digest, "big")

@@ -141,7 +141,7 @@ def find_protocol(session: Session, version_or_digest: str) -> ProtocolDocument:
         Conflict: The recorded text no longer has the recorded digest: someone edited it in place.
     """
     row = find_protocol_row(session, version_or_digest)
-    protocol = _parsed(row.toml)
+    protocol = _parsed_protocol(row.toml)
     if protocol.digest != row.digest:
         raise Conflict(f"The recorded text of protocol {row.version} was altered; refusing it.")
     return protocol
@@ -159,7 +159,7 @@ def list_protocol_rows(session: Session) -> list[ProtocolRow]:
 
 
 @lru_cache(maxsize=32)
-def _parsed(toml: str) -> ProtocolDocument:
+def _parsed_protocol(toml: str) -> ProtocolDocument:
     return parse_protocol(toml)
 
 

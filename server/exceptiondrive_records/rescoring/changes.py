@@ -90,7 +90,7 @@ def create_run(
     phase = lock_phase(session, phase_id)
     reason = checked_reason(reason)
     _require_no_open_run(session, phase_id)
-    target = _target(session, phase, protocol, split_revision)
+    target = _target_key(session, phase, protocol, split_revision)
     run = _new_run(session, RunKind.UPDATE, phase, target, reason, actor)
     detail = {
         "phase": phase.id,
@@ -269,18 +269,18 @@ def require_action(session: Session, run: RescoringRun, action: RunAction) -> Ru
         return states[run.state]
     if not states:
         raise Conflict("The run verifies sheets: it ends by itself, or is cancelled.")
-    *first, last = [_words(state) for state in states]
+    *first, last = [_state_words(state) for state in states]
     before = f"{', '.join(first)} or {last}" if first else last
     if action is RunAction.RESUME:
         before += ", or has failed sheets"
     done = _DONE[action]
-    again = " already" if _words(run.state) == done else ""
+    again = " already" if _state_words(run.state) == done else ""
     raise Conflict(
-        f"The run is {_words(run.state)}{again}; it can be {done} only while it is {before}."
+        f"The run is {_state_words(run.state)}{again}; it can be {done} only while it is {before}."
     )
 
 
-def _words(state: RunState) -> str:
+def _state_words(state: RunState) -> str:
     return "a draft" if state is RunState.DRAFT else state.value.replace("_", " ")
 
 
@@ -291,12 +291,12 @@ def _require_no_open_run(session: Session, phase_id: str) -> None:
     run = open_runs[0]
     advice = {RunState.APPLIED: "close it or roll it back", RunState.DRAFT: "begin or cancel it"}
     raise Conflict(
-        f"The phase has an open run, {run.id} ({_words(run.state)}); "
+        f"The phase has an open run, {run.id} ({_state_words(run.state)}); "
         f"{advice.get(run.state, 'apply or cancel it')} first."
     )
 
 
-def _target(
+def _target_key(
     session: Session, phase: Phase, protocol: str | None, split_revision: str | None
 ) -> ScoringKey:
     digest = phase.protocol_digest if protocol is None else find_protocol(session, protocol).digest
@@ -362,10 +362,10 @@ def _waypoint_reasons(challenge: str, old: GeometrySection, new: GeometrySection
         return
     if (old.waypoints, old.time_step_s) != (new.waypoints, new.time_step_s):
         yield (
-            f"The protocol asks for {_waypoints(new)}; accepted files hold {_waypoints(old)}: "
+            f"The protocol asks for {_waypoint_words(new)}; accepted files hold {_waypoint_words(old)}: "
             "they cannot be scored under it."
         )
 
 
-def _waypoints(geometry: GeometrySection) -> str:
+def _waypoint_words(geometry: GeometrySection) -> str:
     return f"{geometry.waypoints} waypoints {geometry.time_step_s:g} s apart"

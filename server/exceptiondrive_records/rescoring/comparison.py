@@ -71,12 +71,12 @@ def _change(old: BoardEntry | None, new: BoardEntry | None) -> EntryChange:
         old=before,
         new=after,
         rank_shift=None if old_rank is None or new_rank is None else old_rank - new_rank,
-        metric_shifts=_shifts(_row(before), _row(after)),
+        metric_shifts=_shifts(_metrics_of(before), _metrics_of(after)),
         family_shifts={
             family: _shifts(before.families.get(family) if before else None, row)
             for family, row in (after.families if after else {}).items()
         },
-        effect_shifts=_shifts(_effect(before), _effect(after)),
+        effect_shifts=_shifts(_effect_of(before), _effect_of(after)),
     )
 
 
@@ -120,12 +120,12 @@ def _numbers_differ(old: Standing, new: Standing) -> bool:
     )
 
 
-def _effect(standing: Standing | None) -> MetricRow | None:
+def _effect_of(standing: Standing | None) -> MetricRow | None:
     effect = None if standing is None else standing.reminder_effect
     return None if effect is None else effect.by_metric
 
 
-def _row(standing: Standing | None) -> MetricRow | None:
+def _metrics_of(standing: Standing | None) -> MetricRow | None:
     return None if standing is None else standing.metrics
 
 
@@ -189,10 +189,10 @@ def compare_to_shown(session: Session, phase: Phase, new: BoardRow | None) -> Co
 def compare_rows(old: BoardRow, new: BoardRow) -> Compared:
     """Return what changes from one recorded board to another."""
     pair = old.told, new.told
-    return _COMPARED.get(pair) or _COMPARED.keep(pair, _compared(old, new), 1)
+    return _COMPARED.get(pair) or _COMPARED.keep(pair, _compare_rows(old, new), 1)
 
 
-def _compared(old: BoardRow, new: BoardRow) -> Compared:
+def _compare_rows(old: BoardRow, new: BoardRow) -> Compared:
     comparison = compare_boards(parsed_board(old), parsed_board(new))
     return Compared(comparison, comparison.digest)
 

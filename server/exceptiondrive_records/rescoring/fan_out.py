@@ -49,10 +49,10 @@ def tend_runs(database: Database, max_attempts: int) -> int:
             return 0
     with database.write() as session:
         runs = session.scalars(select(RescoringRun).where(is_tended).with_for_update())
-        return sum(_tend(session, run, max_attempts) for run in runs)
+        return sum(_tend_run(session, run, max_attempts) for run in runs)
 
 
-def _tend(session: Session, run: RescoringRun, max_attempts: int) -> int:
+def _tend_run(session: Session, run: RescoringRun, max_attempts: int) -> int:
     if run.kind is RunKind.VERIFICATION:
         end_verification(session, run, max_attempts)
         return 0
@@ -61,14 +61,14 @@ def _tend(session: Session, run: RescoringRun, max_attempts: int) -> int:
         return 0
     _move_jobs(session, run, (WorkState.HELD,), WorkState.QUEUED)  # of uploads that saw it paused
     made = 0
-    for key in _sides(run):
+    for key in _both_keys(run):
         room = BATCH - count_jobs(session, run.phase_id, key, OPEN_STATES)
         if room > 0:
             made += _make_jobs(session, scored_left_out(run.phase_id, key, room), key)
-    if run.state is RunState.APPLIED and not _missing(session, run, new_key(run)):
+    if run.state is RunState.APPLIED and not _count_missing(session, run, new_key(run)):
         want_fresh_board(session, run.phase_id, new_key(run))
     key = shadow_key(run)
-    if _missing(session, run, key):
+    if _count_missing(session, run, key):
         return made
     want_fresh_board(session, run.phase_id, key)
     if run.state is RunState.SCORING and fresh_board(session, run.phase_id, key) is not None:
@@ -78,7 +78,7 @@ def _tend(session: Session, run: RescoringRun, max_attempts: int) -> int:
     return made
 
 
-def _sides(run: RescoringRun) -> tuple[ScoringKey, ...]:
+def _both_keys(run: RescoringRun) -> tuple[ScoringKey, ...]:
     """Both: what is not shown now may be shown again."""
     return new_key(run), old_key(run)
 
@@ -99,7 +99,7 @@ def _make_jobs(session: Session, query: Select[Submission], key: ScoringKey) -> 
     return len(found)
 
 
-def _missing(session: Session, run: RescoringRun, key: ScoringKey) -> int:
+def _count_missing(session: Session, run: RescoringRun, key: ScoringKey) -> int:
     return count_sheets(session, run.phase_id, key).missing
 
 
@@ -115,7 +115,7 @@ def release_jobs(session: Session, run: RescoringRun) -> None:
 
 def cancel_jobs(session: Session, run: RescoringRun, key: ScoringKey) -> None:
     """Take back the jobs of a key that nobody has begun; they can be made again."""
-    waiting = delete(Job).where(Job.id.in_(_waiting(run, key)))
+    waiting = delete(Job).where(Job.id.in_(_waiting_jobs(run, key)))
     session.execute(waiting.execution_options(synchronize_session=False))
 
 
@@ -124,11 +124,11 @@ def _move_jobs(
 ) -> None:
     session.execute(
         update(Job)
-        .where(Job.id.in_(_waiting(run, shadow_key(run))), Job.state.in_(before))
+        .where(Job.id.in_(_waiting_jobs(run, shadow_key(run))), Job.state.in_(before))
         .values(state=after, available_at=database_now(session))
         .execution_options(synchronize_session=False)
     )
 
 
-def _waiting(run: RescoringRun, key: ScoringKey) -> Select[str]:
+def _waiting_jobs(run: RescoringRun, key: ScoringKey) -> Select[str]:
     return jobs_in(run.phase_id, key, WAITING_STATES).where(Job.lane == Lane.RESCORE)

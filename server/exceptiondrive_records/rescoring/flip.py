@@ -100,10 +100,10 @@ def failed_words(session: Session, run: RescoringRun, key: ScoringKey) -> list[s
     by_code: dict[str, list[str]] = {}
     for submission_id in ids:
         by_code.setdefault(codes.get(submission_id, "no answer"), []).append(submission_id)
-    return [_failure(code, found) for code, found in by_code.items()]
+    return [_failure_sentence(code, found) for code, found in by_code.items()]
 
 
-def _failure(code: str, ids: list[str]) -> str:
+def _failure_sentence(code: str, ids: list[str]) -> str:
     more = [f"{len(ids) - _NAMED:,} more"] if len(ids) > _NAMED else []
     named = ", ".join([*ids[:_NAMED], *more])
     cure = _CURES.get(code, _USUAL_CURE)
@@ -187,7 +187,7 @@ def apply_run(
         NotFound: No such run.
         Conflict: It is not ready, a sheet is missing or failed, or the preview is stale.
     """
-    phase, row, compared = _checked(session, run_id, RunAction.APPLY)
+    phase, row, compared = _lock_and_check(session, run_id, RunAction.APPLY)
     _require_seen(compared, preview)
     lost = compared.comparison.no_longer_ranked
     run = move_run(session, run_id, RunAction.APPLY, reason, actor, no_longer_ranked=lost)
@@ -209,7 +209,7 @@ def rollback_run(session: Session, run_id: str, *, reason: str, actor: str) -> R
         NotFound: No such run.
         Conflict: It is not applied, or sheets of fresh submissions are missing.
     """
-    phase, row, compared = _checked(session, run_id, RunAction.ROLLBACK)
+    phase, row, compared = _lock_and_check(session, run_id, RunAction.ROLLBACK)
     lost = compared.comparison.no_longer_ranked
     run = move_run(session, run_id, RunAction.ROLLBACK, reason, actor, no_longer_ranked=lost)
     run.rollback_flip_id = _flip(session, phase, row, old_key(run))
@@ -242,7 +242,9 @@ def _require_seen(compared: Compared, preview: str) -> None:
         raise Conflict(STALE)
 
 
-def _checked(session: Session, run_id: str, action: RunAction) -> tuple[Phase, BoardRow, Compared]:
+def _lock_and_check(
+    session: Session, run_id: str, action: RunAction
+) -> tuple[Phase, BoardRow, Compared]:
     """Lock run and phase, and return what is flipped to, or say all that stands in the way."""
     run = find_run(session, run_id, lock=True)
     phase = lock_phase(session, run.phase_id)

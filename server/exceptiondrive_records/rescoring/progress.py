@@ -46,14 +46,14 @@ class Counts:
 
 def count_sheets(session: Session, phase_id: str, key: ScoringKey) -> Counts:
     """Count the scored submissions of a phase, those with a sheet of a key, and those that failed."""
-    done = _count(session, _scored(phase_id).where(_has_sheet(key)))
+    done = _count(session, _scored_submissions(phase_id).where(_has_sheet(key)))
     failed = _count(session, failed_sheets(phase_id, key))
     return Counts(count_scored(session, phase_id), done, failed)
 
 
 def count_scored(session: Session, phase_id: str) -> int:
     """Return how many submissions of a phase are scored: as many sheets any update makes."""
-    return _count(session, _scored(phase_id))
+    return _count(session, _scored_submissions(phase_id))
 
 
 def _count(session: Session, query: Select[Any]) -> int:
@@ -82,7 +82,7 @@ def left_out(phase_id: str, key: ScoringKey) -> Select[Submission]:
 def failed_sheets(phase_id: str, key: ScoringKey) -> Select[Submission]:
     """Select scored submissions whose job has ended without a sheet."""
     ended = _jobs_of(key).where(Job.state.not_in(OPEN_STATES)).exists()
-    return _scored(phase_id).where(not_(_has_sheet(key)), ended)
+    return _scored_submissions(phase_id).where(not_(_has_sheet(key)), ended)
 
 
 def jobs_in(phase_id: str, key: ScoringKey, states: Sequence[WorkState]) -> Select[str]:
@@ -110,7 +110,7 @@ def progress_of(session: Session, run: RescoringRun) -> Progress:
         return run.ended_with
     key = shadow_key(run)
     counts = count_sheets(session, run.phase_id, key)
-    rate = _rate(session, run, key) if run.state is RunState.SCORING else None
+    rate = _sheets_per_s(session, run, key) if run.state is RunState.SCORING else None
     waiting = counts.missing - counts.failed
     begun = count_jobs(session, run.phase_id, key, [WorkState.LEASED]) if rate else 0
     return Progress(
@@ -122,7 +122,7 @@ def progress_of(session: Session, run: RescoringRun) -> Progress:
     )
 
 
-def _rate(session: Session, run: RescoringRun, key: ScoringKey) -> float | None:
+def _sheets_per_s(session: Session, run: RescoringRun, key: ScoringKey) -> float | None:
     """Sheets per second over the last half minute, or since scoring went on."""
     if run.resumed_at is None:
         return None
@@ -143,7 +143,7 @@ def _rate(session: Session, run: RescoringRun, key: ScoringKey) -> float | None:
     return made / elapsed_s if made else None
 
 
-def _scored(phase_id: str) -> Select[Submission]:
+def _scored_submissions(phase_id: str) -> Select[Submission]:
     return select(Submission).where(
         Submission.phase_id == phase_id, Submission.status == SubmissionStatus.SCORED
     )

@@ -92,7 +92,7 @@ def finish_recheck(
         return False
     session.execute(update(Recheck).where(Recheck.id == item.id).values(found_digest=found_digest))
     if state is not VerifyState.EQUAL:
-        _tell(session, item, state, found_digest, note)
+        _audit_difference(session, item, state, found_digest, note)
     return True
 
 
@@ -100,7 +100,7 @@ def end_verification(session: Session, run: RescoringRun, max_attempts: int) -> 
     """Give up what no attempt has answered; close the run once every sheet has come to an end."""
     for item in give_up(session, Recheck, max_attempts, Recheck.run_id == run.id):
         item.note = _UNANSWERED
-        _tell(session, item, VerifyState.FAILED, None, _UNANSWERED)
+        _audit_difference(session, item, VerifyState.FAILED, None, _UNANSWERED)
     session.flush()
     counts = _counts(session, run.id)
     if counts[VerifyState.WAITING]:
@@ -199,7 +199,7 @@ def _counts(session: Session, run_id: str) -> Counter[VerifyState]:
     return counts
 
 
-def _tell(
+def _audit_difference(
     session: Session, item: Recheck, state: VerifyState, found_digest: str | None, note: str | None
 ) -> None:
     """Leave an audit line about a sheet that did not come again."""

@@ -124,7 +124,11 @@ def preview_of(session: Session, run_id: str, seen: str | None = None) -> Previe
     run = find_run(session, run_id)
     phase = session.get_one(Phase, run.phase_id)
     blockers = blockers_of(session, run)
-    compared = comparison_of(session, run) if run.state in _PREVIEWED else _applied(session, run)
+    compared = (
+        comparison_of(session, run)
+        if run.state in _PREVIEWED
+        else _applied_comparison(session, run)
+    )
     is_behind = compared is None and not run.state.is_final
     if compared is None:
         draft = latest_board(session, run.phase_id, shadow_key(run))
@@ -149,7 +153,7 @@ def _direction(state: RunState) -> FlipDirection:
     return "roll_back" if state is RunState.APPLIED else "apply"
 
 
-def _applied(session: Session, run: RescoringRun) -> Compared | None:
+def _applied_comparison(session: Session, run: RescoringRun) -> Compared | None:
     """What the run made true when it was applied, if it ever was; who was forgotten has an alias."""
     if run.comparison is None:
         return None
@@ -168,7 +172,7 @@ def public_run(session: Session, run_id: str, *, with_hidden: bool = False) -> P
         NotFound: There is none, it was never applied, or its phase is hidden; the words are the same.
     """
     run = session.get(RescoringRun, run_id)
-    applied = None if run is None else _applied(session, run)
+    applied = None if run is None else _applied_comparison(session, run)
     if run is None or run.applied_at is None or applied is None:
         raise NotFound("applied rescoring run", run_id)
     phase = session.get_one(Phase, run.phase_id)

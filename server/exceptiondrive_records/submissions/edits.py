@@ -58,9 +58,9 @@ def edit_submission(
     phase = session.get_one(Phase, submission.phase_id)
     now = database_now(session)
     old_name = submission.method
-    before = _told(submission)
-    _set(submission, change)
-    after = _told(submission)
+    before = _audited_fields(submission)
+    _apply_change(submission, change)
+    after = _audited_fields(submission)
     changed = {name: (before[name], after[name]) for name in after if before[name] != after[name]}
     if not changed:
         return submission
@@ -83,7 +83,7 @@ def edit_submission(
     return submission
 
 
-def _set(submission: Submission, change: SubmissionChange) -> None:
+def _apply_change(submission: Submission, change: SubmissionChange) -> None:
     given = change.model_fields_set
     if "method" in given and change.method not in (None, submission.method):
         submission.method = checked_name("method name", change.method or "")
@@ -94,17 +94,17 @@ def _set(submission: Submission, change: SubmissionChange) -> None:
     if "code_url" in given:
         submission.code_url = checked_link("code", change.code_url)
     if "facts" in given:
-        submission.facts = checked_facts(_merged(submission.facts, change.facts))
+        submission.facts = checked_facts(_merged_facts(submission.facts, change.facts))
 
 
-def _merged(old: MethodFacts | None, change: MethodFacts | None) -> MethodFacts:
+def _merged_facts(old: MethodFacts | None, change: MethodFacts | None) -> MethodFacts:
     if change is None:
         return MethodFacts()
     given = {name: getattr(change, name) for name in change.model_fields_set}
     return (old or MethodFacts()).model_copy(update=given)
 
 
-def _told(submission: Submission) -> dict[str, Any]:
+def _audited_fields(submission: Submission) -> dict[str, Any]:
     facts = (submission.facts or MethodFacts()).model_dump()
     return {
         "method": submission.method,

@@ -131,7 +131,7 @@ class FileStore:
             self._require_place(has_files=True)
             raise NotFound("file", digest) from None
         except (BaseError, OSError) as error:
-            if self._answers():
+            if self._does_answer():
                 raise FileUnreadable(digest) from error
             raise StoreError("The file store does not answer; try again later.") from error
         if bytes_digest(data) != digest:
@@ -148,7 +148,7 @@ class FileStore:
 
     def takes_files(self) -> bool:
         """Whether the store answers and, where it is a folder, can be written and has room."""
-        if not self._answers():
+        if not self._does_answer():
             return False
         return self._folder is None or (
             self.has_room() and os.access(self._folder, os.W_OK | os.X_OK)
@@ -167,7 +167,7 @@ class FileStore:
         except OSError:
             return False
 
-    def _answers(self) -> bool:
+    def _does_answer(self) -> bool:
         try:
             self.holds("sha256:" + "0" * 64)
         except StoreError:
@@ -269,9 +269,9 @@ class FileStore:
         with contextlib.suppress(FileExistsError, FileNotFoundError):  # obstore says what is wrong
             subfolder.mkdir()
             subfolder.chmod(stat.S_IMODE(self._folder.stat().st_mode))
-            self._own(subfolder)
+            self._give_to_owner(subfolder)
 
-    def _own(self, entry: Path) -> None:
+    def _give_to_owner(self, entry: Path) -> None:
         """What root puts here belongs to whom the store belongs to."""
         if self._folder is not None and os.geteuid() == 0:
             owner = self._folder.stat()
@@ -282,7 +282,7 @@ class FileStore:
         if self._folder is None:
             return
         path = self._folder / key
-        self._own(path)
+        self._give_to_owner(path)
         for entry in (path, path.parent, self._folder):
             descriptor = os.open(entry, os.O_RDONLY)
             try:

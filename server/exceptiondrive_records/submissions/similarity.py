@@ -63,10 +63,10 @@ def keep_alike(session: Session, submission_id: str, alike: Sequence[AlikeSubmis
     found = ALIKE_SUBMISSIONS.dump_json(tuple(alike)).decode()
     is_first = insert_if_absent(session, SimilarityRow, submission_id=submission_id, alike=found)
     if is_first and any(each.is_probe for each in alike):
-        _alarm(session, session.get_one(Submission, submission_id))
+        _audit_alarm(session, session.get_one(Submission, submission_id))
 
 
-def _alarm(session: Session, submission: Submission) -> None:
+def _audit_alarm(session: Session, submission: Submission) -> None:
     """Say in the audit log what is seen: at five submissions, and each time that they double."""
     for found in similarity_report(session, submission.phase_id).probing:
         if submission.id in found.submissions:
@@ -109,7 +109,7 @@ def similarity_report(session: Session, phase_id: str) -> SimilarityReport:
         n_teams=n_teams,
         n_waiting=max(0, n_scored - n_compared),
         pairs=tuple(sorted(pairs.values(), key=_nearest_first)[:MOST_PAIRS]),
-        probing=_probing(known),
+        probing=_find_probing(known),
     )
 
 
@@ -178,7 +178,7 @@ def _kind(found: AlikeSubmission) -> AlikeKind:
     return AlikeKind.NEAR if found.scale is None else AlikeKind.SCALED
 
 
-def _probing(known: dict[str, _Known]) -> tuple[Probing, ...]:
+def _find_probing(known: dict[str, _Known]) -> tuple[Probing, ...]:
     """Gather what is like one another but for a few samples, whichever teams sent it.
 
     What one team sent of it is gathered, too, where that alone is enough for an alarm.

@@ -345,7 +345,7 @@ def confirm(session: Session, submission_id: str, *, actor: str) -> Submission:
 def takes_confirmation(session: Session, phase: Phase, asked: Submission, now: datetime) -> bool:
     """Whether the phase takes what its team is asked about, be it for the late view."""
     moment = arrival(session, phase, asked.arrived_at, now)
-    return _takes(session, phase, own_deadline(phase, asked.granted_until), moment)
+    return _takes_upload(session, phase, own_deadline(phase, asked.granted_until), moment)
 
 
 def require_acceptable(
@@ -561,7 +561,7 @@ def same_bytes(
     return session.scalars(_SAME_BYTES, given).first()
 
 
-def _takes(
+def _takes_upload(
     session: Session, phase: Phase, own_closes_at: datetime | None, arrived_at: datetime
 ) -> bool:
     is_open = is_open_to(session, phase, own_closes_at, arrived_at)
@@ -571,7 +571,7 @@ def _takes(
 def _require_open(
     session: Session, phase: Phase, own_closes_at: datetime | None, arrived_at: datetime
 ) -> None:
-    if _takes(session, phase, own_closes_at, arrived_at):
+    if _takes_upload(session, phase, own_closes_at, arrived_at):
         return
     if phase.visibility != "shown":
         raise PhaseClosed(phase.title, f"is {phase.visibility}")

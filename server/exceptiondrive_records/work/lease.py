@@ -140,14 +140,14 @@ def claim(session: Session, kind: type[Item], first: Select[str], lease_s: float
     returned as it was claimed: with its fence it is the proof of the lease.
     """
     given = {"lease_s": lease_s}
-    taken: Item | None = session.scalars(_claiming(kind, first), given).first()
+    taken: Item | None = session.scalars(_claim_statement(kind, first), given).first()
     if taken is not None:
         session.expunge(taken)
     return taken
 
 
 @lru_cache
-def _claiming(kind: type[WorkItem], first: Select[str]) -> Any:
+def _claim_statement(kind: type[WorkItem], first: Select[str]) -> Any:
     """The change stands within a selection: by itself the session would make it anew each time."""
     chosen = first.limit(1).with_for_update(of=kind, skip_locked=True)
     change = (
@@ -189,7 +189,7 @@ def finish(
     It says whether the lease was still held: otherwise nothing was changed but the audit log.
     """
     how = {"was_asked": item.asked, "ends_as": state.value, "note": note}
-    return _leave(session, item, _FINISH, rests_s=0.0, **how)
+    return _leave_lease(session, item, _FINISH, rests_s=0.0, **how)
 
 
 class LeaseLost(Exception):  # noqa: N818 - nothing is wrong: another one does it now
@@ -221,7 +221,7 @@ def try_later(
 ) -> bool:
     """Give an item back, as `finish`, to be tried again after a while; `counts`: this was one of its attempts."""
     given = {"state": WorkState.QUEUED, "attempts": item.attempts - (not counts), "note": note}
-    return _leave(session, item, _LEAVE, rests_s=wait_s, **given)
+    return _leave_lease(session, item, _LEAVE, rests_s=wait_s, **given)
 
 
 def wait_before_next_s(item: WorkItem, first_s: float) -> float:
@@ -235,7 +235,7 @@ def give_up(
     """Leave alone what ended whoever did it in each attempt; return it as it stands then."""
     now = database_now(session)
     is_exhausted = and_(kind.attempts >= max_attempts, is_free(kind, now))
-    given_up = _ending(kind, WorkState.DEAD, now).where(is_exhausted, *which).returning(kind)
+    given_up = _end_statement(kind, WorkState.DEAD, now).where(is_exhausted, *which).returning(kind)
     return session.scalars(given_up, execution_options={"populate_existing": True}).all()
 
 
@@ -244,15 +244,15 @@ def cancel(
 ) -> None:
     """Take back what has not ended; whoever has it has lost the lease."""
     is_open = kind.state.in_(OPEN_STATES)
-    session.execute(_ending(kind, WorkState.CANCELLED, now).where(is_open, *which))
+    session.execute(_end_statement(kind, WorkState.CANCELLED, now).where(is_open, *which))
 
 
-def _ending(kind: type[WorkItem], state: WorkState, now: datetime) -> Update:
+def _end_statement(kind: type[WorkItem], state: WorkState, now: datetime) -> Update:
     values = {"state": state, "fence": kind.fence + 1, "lease_until": None, "finished_at": now}
     return update(kind).values(values).execution_options(synchronize_session=False)
 
 
-def _leave(session: Session, item: WorkItem, how: Update, **given: object) -> bool:
+def _leave_lease(session: Session, item: WorkItem, how: Update, **given: object) -> bool:
     changed = session.connection().execute(how, _claim_of(item) | given)
     if changed.rowcount == 1:
         return True

@@ -69,7 +69,7 @@ def post_own_token(services: ServicesOf, keeper: TokenKeeper, token: NewTeamToke
         text, made = issue_team_token(
             session, keeper, token.name, tuple(token.scopes), token.expires_at
         )
-    return _issued(services, team_id, text, made)
+    return _issued_token(services, team_id, text, made)
 
 
 @router.post(
@@ -82,7 +82,7 @@ def post_rotation(
     team_id = team_of(keeper)
     with services.database.write() as session:
         text, made = rotate_team_token(session, keeper, token_id, rotation.keep_days)
-    return _issued(services, team_id, text, made)
+    return _issued_token(services, team_id, text, made)
 
 
 @router.post("/{token_id}/revoke", operation_id="revokeOwnToken", responses=_MISSING)
@@ -98,7 +98,7 @@ def post_own_revocation(
         return RevokedToken(**dict(view), still_work=tuple(made))
 
 
-def _issued(services: Services, team_id: int, text: str, made: Token) -> IssuedToken:
+def _issued_token(services: Services, team_id: int, text: str, made: Token) -> IssuedToken:
     with services.database.read() as session:
         (view,) = team_token_views(session, team_id, [made])
     return IssuedToken(token=text, view=view)

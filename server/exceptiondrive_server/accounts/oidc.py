@@ -87,7 +87,7 @@ class Provider:
         Raises:
             ProviderAway: It cannot be reached.
         """
-        client = await self._discovered()
+        client = await self._provider_client()
         state, nonce = secrets.token_urlsafe(32), secrets.token_urlsafe(32)
         flow = await client.create_authorization_url(self._redirect_uri, state=state, nonce=nonce)
         url = str(flow.pop("url"))
@@ -115,9 +115,9 @@ class Provider:
             SignInRefused: It declined, or the code or the ID token that it gave is not good.
         """
         try:
-            client = await self._discovered()
+            client = await self._provider_client()
             if request.query_params.get("iss", self.issuer) != self.issuer:  # RFC 9207
-                raise _refused("the answer of another provider")
+                raise _sign_in_refused("the answer of another provider")
             token = await client.authorize_access_token(
                 request,
                 claims_options={
@@ -131,16 +131,16 @@ class Provider:
             profile = claims if has_all else await _with_profile(client, token, claims)
         except AuthlibBaseError as error:
             code = error.error if error.error in ERRORS else "another error"
-            raise _refused(f"the provider answered {code}") from None
+            raise _sign_in_refused(f"the provider answered {code}") from None
         except (httpx2.HTTPError, json.JSONDecodeError) as error:
-            raise _away(error) from None
+            raise _provider_away(error) from None
         except (JoseError, ValueError, TypeError) as error:
             self._client = None  # its keys may be new under an old name: who begins again asks
-            raise _refused(f"the ID token is not good ({type(error).__name__})") from None
+            raise _sign_in_refused(f"the ID token is not good ({type(error).__name__})") from None
         finally:
             request.session.clear()
         if "sub" not in claims or profile.get("sub") != claims["sub"]:
-            raise _refused("no ID token, or userinfo of another subject")
+            raise _sign_in_refused("no ID token, or userinfo of another subject")
         return Identity(
             issuer=self.issuer,
             subject=str(claims["sub"]),
@@ -148,7 +148,7 @@ class Provider:
             email=_first_text(profile, "email") if _may_be_theirs(profile) else None,
         )
 
-    async def _discovered(self) -> Any:
+    async def _provider_client(self) -> Any:
         if self._client is None or time.monotonic() > self._client_at_s + KEEP_S:
             self._client = await self._discover()
             self._client_at_s = time.monotonic()
@@ -171,7 +171,7 @@ class Provider:
             self._check(metadata)
             KeySet.import_key_set(await client.fetch_jwk_set())
         except (httpx2.HTTPError, JoseError, ValueError, TypeError, KeyError) as error:
-            raise _away(error) from None
+            raise _provider_away(error) from None
         offered = metadata.get("id_token_signing_alg_values_supported", ["RS256"])
         allowed = [name for name in ALGORITHMS if name in offered]
         metadata["id_token_signing_alg_values_supported"] = allowed or ["RS256"]
@@ -226,11 +226,11 @@ def _first_text(claims: Mapping[str, Any], *names: str) -> str | None:
     return next((text for text in found if isinstance(text, str) and text.strip()), None)
 
 
-def _away(error: Exception) -> ProviderAway:
+def _provider_away(error: Exception) -> ProviderAway:
     _log.warning("the sign-in provider does not answer", kind=type(error).__name__)
     return ProviderAway()
 
 
-def _refused(why: str) -> SignInRefused:
+def _sign_in_refused(why: str) -> SignInRefused:
     _log.warning("a sign-in through the provider was refused", why=why)
     return SignInRefused()

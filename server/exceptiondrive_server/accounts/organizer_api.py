@@ -73,7 +73,7 @@ def post_organizer(
     role = wanted.role if wanted.is_organizer else None
     with services.database.write() as session:
         person = set_organizer(session, person_id, role, wanted.phases, actor=organizer.actor)
-        return _changed(session, person)
+        return _changed_person(session, person)
 
 
 @router.post("/people/{person_id}/forget", operation_id="forgetPerson")
@@ -86,7 +86,7 @@ def post_forgetting(
     """
     with services.database.write() as session:
         person = forget_person(session, person_id, reason=deed.reason, actor=organizer.actor)
-        return _changed(session, person)
+        return _changed_person(session, person)
 
 
 @router.post("/teams/{team_id}/invitations", operation_id="inviteToTeam", status_code=201)
@@ -98,7 +98,7 @@ def post_invitation(services: ServicesOf, organizer: Organizer, team_id: TeamId)
         return NewInvitation(path=f"/join/{text}", expires_at=made.expires_at)
 
 
-def _changed(session: Session, person: Person) -> ChangedPerson:
+def _changed_person(session: Session, person: Person) -> ChangedPerson:
     left = left_behind(session, f"person:{person.id}")
     return ChangedPerson(
         **dict(_person(person)), still_work=tuple(token_views(session, left, None))

@@ -112,7 +112,7 @@ def _session_for(services: Services, token: str, address: str) -> tuple[str, boo
     Returns the secret of the session, and whether it is an organizer's.
     """
     limits = keys_of(address, token)
-    _count(services, limits)
+    _count_attempt(services, limits)
     with services.database.read() as session:
         principal = verify_token(session, token)
     if principal is None:
@@ -174,7 +174,7 @@ async def send_to_provider(request: Request, services: ServicesOf, back: Text = 
     """Send the browser to the provider. A link, no form: our own CSP binds forms to this site."""
     require_private_channel(request)
     provider = _provider(services)
-    await run_in_threadpool(_count, services, start_keys_of(address_of(request)))
+    await run_in_threadpool(_count_attempt, services, start_keys_of(address_of(request)))
     try:
         url = await provider.begin(request, safe_back(back))
     except ProviderAway:
@@ -203,7 +203,9 @@ async def come_back(
         request.session.clear()
         return show_form(request, back, status=403, fault=CANCELLED.format(provider.name))
     if not error:
-        await run_in_threadpool(_count, services, _limits(request))  # until it has succeeded
+        await run_in_threadpool(
+            _count_attempt, services, _limits(request)
+        )  # until it has succeeded
     try:
         identity = await provider.identity(request)
         opened = await run_in_threadpool(_session_for_person, services, identity, request)
@@ -225,7 +227,7 @@ def _session_for_person(
         return open_person_session(session, person), person.is_organizer
 
 
-def _count(services: Services, limits: Mapping[str, int]) -> None:
+def _count_attempt(services: Services, limits: Mapping[str, int]) -> None:
     with services.database.write() as session:
         count_attempt(session, limits)
 

@@ -29,7 +29,7 @@ from exceptiondrive_schemas.api.form_fields import FormField
 from exceptiondrive_server.accounts.queries import scopes_field, team_token_views
 from exceptiondrive_server.web.auth import team_of
 from exceptiondrive_server.web.browser_session import Browser, PostedForm, SignedIn, require_scope
-from exceptiondrive_server.web.forms import filled, read
+from exceptiondrive_server.web.forms import filled_fields, read_form
 from exceptiondrive_server.web.responses import my_page
 
 router = APIRouter(prefix="/my/tokens", include_in_schema=False)
@@ -43,28 +43,28 @@ KEEP_DAYS = FormField(
 @router.get("")
 def show_tokens(browser: Browser) -> Response:
     """List the team's tokens."""
-    return _page(browser)
+    return _tokens_page(browser)
 
 
 @router.post("")
 def issue(browser: Browser, form: PostedForm) -> Response:
     """Issue a token and show it, once."""
-    values = read(_new_token(browser), form)
+    values = read_form(_new_token(browser), form)
     days = values["days"]
 
     def make(session: Session, keeper: Principal) -> tuple[str, Token]:
         ends = None if days is None else database_now(session) + timedelta(days=days)
         return issue_team_token(session, keeper, values["name"], values["scopes"], ends)
 
-    return _issued(browser, make)
+    return _issue_and_show(browser, make)
 
 
 @router.post("/{token_id}/rotate")
 def rotate(browser: Browser, form: PostedForm, token_id: TokenId) -> Response:
     """Issue the successor of a token and show it, once."""
-    given = read([KEEP_DAYS], form)["keep_days"]
+    given = read_form([KEEP_DAYS], form)["keep_days"]
     days = DEFAULT_KEEP_DAYS if given is None else given
-    return _issued(browser, lambda s, keeper: rotate_team_token(s, keeper, token_id, days))
+    return _issue_and_show(browser, lambda s, keeper: rotate_team_token(s, keeper, token_id, days))
 
 
 @router.post("/{token_id}/revoke")
@@ -76,15 +76,15 @@ def revoke(browser: Browser, form: PostedForm, token_id: TokenId) -> Response:
     return RedirectResponse("/my/tokens", status_code=303)
 
 
-def _issued(browser: SignedIn, issue: Issue) -> Response:
+def _issue_and_show(browser: SignedIn, issue: Issue) -> Response:
     require_scope(browser, Scope.TOKENS)
     team_of(browser.principal)
     with browser.services.database.write() as session:
         text, _ = issue(session, browser.principal)
-    return _page(browser, issued=text)
+    return _tokens_page(browser, issued=text)
 
 
-def _page(browser: SignedIn, issued: str | None = None) -> Response:
+def _tokens_page(browser: SignedIn, issued: str | None = None) -> Response:
     require_scope(browser, Scope.TOKENS)
     team_id = team_of(browser.principal)
     with browser.services.database.read() as session:
@@ -99,7 +99,7 @@ def _page(browser: SignedIn, issued: str | None = None) -> Response:
         "accounts/tokens.html",
         tokens=sorted(zip(views, is_alive, strict=True), key=lambda line: not line[1]),
         made_with=made_with,
-        fields=filled(_new_token(browser), {"scopes": " ".join(PARTICIPANT_SCOPES)}),
+        fields=filled_fields(_new_token(browser), {"scopes": " ".join(PARTICIPANT_SCOPES)}),
         meaning=MEANING_OF_SCOPE,
         new_token=issued,
         keep_days=DEFAULT_KEEP_DAYS,

@@ -76,7 +76,7 @@ def history(
             subject_name=subjects.get(line.subject, (line.subject, ""))[0],
             page=subjects.get(line.subject, (line.subject, ""))[1],
             reason=str(line.detail.get("reason") or ""),
-            detail="; ".join(_detail(line, subjects)),
+            detail="; ".join(_detail_lines(line, subjects)),
         )
         for line in lines
     ]
@@ -90,7 +90,7 @@ def _subjects(session: Session, ids: set[str]) -> dict[str, tuple[str, str]]:
     return found | {key: (name, f"/organize/phases/{key}") for key, name in session.execute(titles)}
 
 
-def _detail(line: AuditLine, subjects: dict[str, tuple[str, str]]) -> Iterator[str]:
+def _detail_lines(line: AuditLine, subjects: dict[str, tuple[str, str]]) -> Iterator[str]:
     """Yield what a line holds besides its reason, phases by their titles."""
     for key, value in line.detail.items():
         if key == "reason":
@@ -98,22 +98,22 @@ def _detail(line: AuditLine, subjects: dict[str, tuple[str, str]]) -> Iterator[s
         if key == "phase" and value in subjects:
             words = f"{subjects[value][0]} ({value})"
         elif line.action in _BEFORE_AND_AFTER and isinstance(value, list):
-            words = " → ".join(_words(one) for one in value)
+            words = " → ".join(_value_words(one) for one in value)
         else:
-            words = _words(value)
+            words = _value_words(value)
         yield f"{key.replace('_', ' ')}: {words}"
 
 
-def _words(value: object) -> str:
+def _value_words(value: object) -> str:
     if value is None or value == "" or value == [] or value == {}:
         return "nothing"
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, list):
-        text = ", ".join(map(_words, value))
+        text = ", ".join(map(_value_words, value))
     elif isinstance(value, dict):
         text = ", ".join(
-            f"{str(key).replace('_', ' ')} {_words(one)}" for key, one in value.items()
+            f"{str(key).replace('_', ' ')} {_value_words(one)}" for key, one in value.items()
         )
     else:
         text = str(value)

@@ -24,7 +24,7 @@ from exceptiondrive_schemas.api.rescoring import BoardHistoryLine
 from exceptiondrive_schemas.base import in_words
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.method_facts import FactsOfBoard, PhaseFacts
-from exceptiondrive_server.boards.exports import EXPORTS, named
+from exceptiondrive_server.boards.exports import EXPORTS, file_name_header
 from exceptiondrive_server.boards.queries import asked_entries, facts_on, find_chosen_board
 from exceptiondrive_server.boards.query import BoardQuery, BoardQueryOf, documented
 from exceptiondrive_server.boards.reported import ReportedBoardView, reported_of
@@ -166,7 +166,7 @@ def get_board_csv(request: Request, services: ServicesOf, query: BoardQueryOf) -
         board, protocol, facts = asked_entries(session, query)
     csv = EXPORTS["csv"]
     text = csv.write(board, protocol, origin_of(request), facts, "")
-    max_age_s, headers = services.settings.board_max_age_s, named(board, "csv")
+    max_age_s, headers = services.settings.board_max_age_s, file_name_header(board, "csv")
     return conditional(request, text.encode(), csv.media_type, max_age_s=max_age_s, headers=headers)
 
 

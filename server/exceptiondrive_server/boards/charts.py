@@ -184,16 +184,18 @@ def labels_of(entries: Sequence[BoardEntry], most: int = 60) -> tuple[str, ...]:
         f"{name}, {entry.team}" if names.count(name) > 1 and entry.team else name
         for entry, name in zip(entries, names, strict=True)
     ]
-    cut = [_cut(name, most) for name in full]
+    cut = [_shortened(name, most) for name in full]
     return tuple(
         [
-            f"{_cut(name, most - 4)} ({cut[: at + 1].count(name)})" if cut.count(name) > 1 else name
+            f"{_shortened(name, most - 4)} ({cut[: at + 1].count(name)})"
+            if cut.count(name) > 1
+            else name
             for at, name in enumerate(cut)
         ]
     )
 
 
-def _cut(text: str, most: int) -> str:
+def _shortened(text: str, most: int) -> str:
     return text if len(text) <= most else text[: most - 1] + "…"
 
 
@@ -240,7 +242,7 @@ def scatter_chart(
     all_marks = _marks(board, entries, average, metrics)
     if not all_marks:
         return None
-    beyond = [] if words.same_scale else _beyond(all_marks)
+    beyond = [] if words.same_scale else _outlying_references(all_marks)
     marks = [mark for mark in all_marks if mark not in beyond]
     foot = 72.0 if any(corner.startswith("bottom") for corner in words.corners) else 52.0
     frame = Frame(width, height, top=32.0, bottom=height - foot)
@@ -292,7 +294,7 @@ def _marks(
     return marks
 
 
-def _beyond(marks: Sequence[_Mark]) -> list[_Mark]:
+def _outlying_references(marks: Sequence[_Mark]) -> list[_Mark]:
     """Return the references over twice as high as every other mark, beside which no two others would differ."""
     others = [mark.y for mark in marks if mark.entry.source != "reference"]
     limit = 2 * max(others, default=math.inf)
@@ -430,14 +432,14 @@ def place_labels(
     position of each point, most important first; `obstacles` are kept off besides the points
     themselves.
     """
-    placed = _placed(anchors, frame, obstacles, _OFFSETS)
+    placed = _place_labels(anchors, frame, obstacles, _OFFSETS)
     if len(placed) == len(anchors):
         return placed
     others = tuple(offset for offset in _OFFSETS if offset not in _BESIDE)
-    return max(placed, _placed(anchors, frame, obstacles, others), key=len)
+    return max(placed, _place_labels(anchors, frame, obstacles, others), key=len)
 
 
-def _placed(
+def _place_labels(
     anchors: Sequence[tuple[str, float, float]],
     frame: Box,
     obstacles: Sequence[Box],
@@ -447,7 +449,7 @@ def _placed(
     placed: list[Label] = []
     names: list[Box] = []
     for text, x, y in anchors:
-        short = _cut(text, MAX_CHARACTERS)
+        short = _shortened(text, MAX_CHARACTERS)
         for dx, dy, anchor in offsets:
             box = _text_box(short, x + dx, y + dy, anchor)
             if not frame.holds(box) or box.meets(taken):
@@ -456,8 +458,8 @@ def _placed(
             aways = [max(left - a, a - right, top - b, b - bottom) for _, a, b in anchors]
             own = max(left - x, x - right, top - y, y - bottom)
             is_far = abs(dy) >= FAR or abs(dx) >= FAR or min(aways) < own
-            leader = _leader(x, y, dx, dy) if is_far else None
-            steps = _steps(leader) if leader else []
+            leader = _leader_line(x, y, dx, dy) if is_far else None
+            steps = _leader_boxes(leader) if leader else []
             if not steps or not any(step.meets(names) for step in steps):
                 taken += [box, *steps]
                 names.append(box)
@@ -479,12 +481,12 @@ def _text_width(text: str) -> float:
     return 7.8 * len(text) + 2.0 * sum(map(str.isupper, text)) + 5.7 * n_wide
 
 
-def _leader(x: float, y: float, dx: float, dy: float) -> tuple[str, str, str, str]:
+def _leader_line(x: float, y: float, dx: float, dy: float) -> tuple[str, str, str, str]:
     side = math.copysign(3, dx)
     return (px(x), px(y), px(x + dx - side), px(y + dy - 4))
 
 
-def _steps(leader: tuple[str, str, str, str]) -> list[Box]:
+def _leader_boxes(leader: tuple[str, str, str, str]) -> list[Box]:
     """Pieces of a leading line, which must not run through a name."""
     x1, y1, x2, y2 = map(float, leader)
     places = [(x1 + (x2 - x1) * k / 8, y1 + (y2 - y1) * k / 8) for k in range(9)]

@@ -66,7 +66,7 @@ def permalink(board: Board, site_url: str) -> str:
     return f"{site_url}/?{urlencode(board_fields(board))}"
 
 
-def named(board: Board, form: str) -> dict[str, str]:
+def file_name_header(board: Board, form: str) -> dict[str, str]:
     """Return the header that names the file of a board."""
     return {"Content-Disposition": f'attachment; filename="{_key(board)}.{form}"'}
 
@@ -197,7 +197,7 @@ def comma_separated(
     for block in in_blocks(board):
         for entry in block:
             told = facts.get(entry.submission_id or "", NOTHING_TOLD)
-            lines.writerow({**_line(board, entry, address), **_told(told)})
+            lines.writerow({**_csv_line(board, entry, address), **_fact_cells(told)})
     return text.getvalue()
 
 
@@ -225,11 +225,11 @@ def _columns(board: Board) -> list[str]:
         *(f"{m.key}_{end}" for m in challenge.interval_metrics for end in ("low", "high")),
         *(f"{challenge.metrics[0].key}.{family.id}" for family in board.families),
         *("flags", "is_late", "leads", "unranked_because", "average", "board_url"),
-        *_told(NOTHING_TOLD),
+        *_fact_cells(NOTHING_TOLD),
     ]
 
 
-def _told(told: EntryFacts) -> dict[str, object]:
+def _fact_cells(told: EntryFacts) -> dict[str, object]:
     """The facts of a method, one column each."""
     cells = {
         name: spreadsheet_text(value) if isinstance(value, str) else value
@@ -238,7 +238,7 @@ def _told(told: EntryFacts) -> dict[str, object]:
     return {**cells, "edited_at": iso(told.edited_at) if told.edited_at else None}
 
 
-def _line(board: Board, entry: BoardEntry, address: str) -> dict[str, object]:
+def _csv_line(board: Board, entry: BoardEntry, address: str) -> dict[str, object]:
     challenge = challenge_of(board)
     first = challenge.metrics[0].key
     low, high = entry.rank_interval or (None, None)
@@ -308,27 +308,27 @@ def atom_feed(feed: Feed, site_url: str) -> str:
     """Write the feed of a phase."""
     Xml.register_namespace("", ATOM)
     root = Xml.Element(f"{{{ATOM}}}feed")
-    _text(root, "title", f"ExceptionDrive: {feed.title}")
-    _text(root, "id", f"{site_url}/feed.atom?phase={feed.phase}")
-    _link(root, f"{site_url}/feed.atom?phase={feed.phase}", "self")
-    _link(root, f"{site_url}/?phase={feed.phase}", "alternate")
+    _add_text(root, "title", f"ExceptionDrive: {feed.title}")
+    _add_text(root, "id", f"{site_url}/feed.atom?phase={feed.phase}")
+    _add_link(root, f"{site_url}/feed.atom?phase={feed.phase}", "self")
+    _add_link(root, f"{site_url}/?phase={feed.phase}", "alternate")
     times = [item.at for item in feed.items]
-    _text(root, "updated", iso(max(times)) if times else "1970-01-01T00:00:00Z")
+    _add_text(root, "updated", iso(max(times)) if times else "1970-01-01T00:00:00Z")
     author = Xml.SubElement(root, f"{{{ATOM}}}author")
-    _text(author, "name", "ExceptionDrive")
+    _add_text(author, "name", "ExceptionDrive")
     for item in feed.items:
         entry = Xml.SubElement(root, f"{{{ATOM}}}entry")
-        _text(entry, "title", item.title)
-        _text(entry, "id", f"{site_url}{item.path}{item.mark}")
-        _link(entry, f"{site_url}{item.path}", "alternate")
-        _text(entry, "updated", iso(item.at))
-        _text(entry, "summary", item.summary or item.title)
+        _add_text(entry, "title", item.title)
+        _add_text(entry, "id", f"{site_url}{item.path}{item.mark}")
+        _add_link(entry, f"{site_url}{item.path}", "alternate")
+        _add_text(entry, "updated", iso(item.at))
+        _add_text(entry, "summary", item.summary or item.title)
     return '<?xml version="1.0" encoding="utf-8"?>\n' + Xml.tostring(root, encoding="unicode")
 
 
-def _text(parent: Xml.Element, name: str, text: str) -> None:
+def _add_text(parent: Xml.Element, name: str, text: str) -> None:
     Xml.SubElement(parent, f"{{{ATOM}}}{name}").text = one_line(text)
 
 
-def _link(parent: Xml.Element, address: str, relation: str) -> None:
+def _add_link(parent: Xml.Element, address: str, relation: str) -> None:
     Xml.SubElement(parent, f"{{{ATOM}}}link", {"href": address, "rel": relation})

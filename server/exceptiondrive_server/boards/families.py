@@ -50,11 +50,13 @@ def hardest_tasks(sheets: Sequence[ScoreSheet], taxonomy: Taxonomy, metric: Metr
         rows = [row for sheet in sheets if (row := sheet.tasks.get(task.id)) is not None]
         values = [v for row in rows if (v := row.metrics.get(metric.key)) is not None]
         if values and len(values) == len(sheets):
-            found.append(_line(task.id, task.title, rows[0].n or 0, values, metric))
+            found.append(_hardness_row(task.id, task.title, rows[0].n or 0, values, metric))
     return _hardest_first(found, metric)
 
 
-def _line(name: str, title: str, n: int, values: Sequence[float], metric: Metric) -> Hardness:
+def _hardness_row(
+    name: str, title: str, n: int, values: Sequence[float], metric: Metric
+) -> Hardness:
     best = max(values) if metric.better == "higher" else min(values)
     return Hardness(name, title, n, fmean(values), best, len(values))
 
@@ -88,11 +90,11 @@ class Families(NamedTuple):
         of = "" if large == self.hardest else f" of those with at least {SMALL_FAMILY} samples"
         return (
             f"Hardest first: {large[0].title} is hardest and {large[-1].title} easiest{of}, "
-            f"by the mean of {self.whose}.{self._untold}"
+            f"by the mean of {self.whose}.{self._hidden_families_note}"
         )
 
     @property
-    def _untold(self) -> str:
+    def _hidden_families_note(self) -> str:
         n, of = len(self.order) - len(self.hardest), len(self.order)
         return f" {n} of {of} families {'is' if n == 1 else 'are'} not told." if n else ""
 
@@ -109,7 +111,7 @@ def families_of(board: Board) -> Families:
         cells = (entry.families.get(head.id) for entry in ranked)
         values = [v for cell in cells if cell and (v := cell.metrics.get(metric.key)) is not None]
         if values:
-            found.append(_line(head.id, head.title, head.n, values, metric))
+            found.append(_hardness_row(head.id, head.title, head.n, values, metric))
     hardest = _hardest_first(found, metric)
     places = {head.id: place for place, head in enumerate(board.families)}
     known = [places[line.id] for line in hardest]

@@ -67,10 +67,12 @@ def _title(board: Board, challenge: Challenge) -> str:
     is_alone = len([entry for entry in board.entries if entry.rank is not None]) == 1
     the = "The only ranked" if is_alone else "The leading"
     even_the = the if is_alone else "Even the leading"
-    return sentence.format(the=the, even_the=even_the, often=_often(share), rest=_often(1 - share))
+    return sentence.format(
+        the=the, even_the=even_the, often=_how_often(share), rest=_how_often(1 - share)
+    )
 
 
-def _often(share: float) -> str:
+def _how_often(share: float) -> str:
     """Write a share as `in about 4 of 5 samples`, on the nearest honest small fraction."""
     about, hits, of = _small_fraction(share)
     if hits in (0, of):
@@ -131,7 +133,7 @@ def _findings(
         lead += _could_too(place, sum(each.may_lead and each.rank != leader.rank for each in could))
     above = [entry for entry in ranked if (entry.rank or 0) < (leader.rank or 0)]
     own_flags = f"; flagged “{flags_of(leader)}”" if leader.flags else ""  # which do not bar it
-    return (f"{lead}: {numbers}{own_flags}.", *_above(above))
+    return (f"{lead}: {numbers}{own_flags}.", *_flagged_above(above))
 
 
 def _level_with(level: Sequence[BoardEntry]) -> str:
@@ -171,7 +173,7 @@ def what_else_tells(board: Board, could_be_first: Sequence[BoardEntry]) -> str:
     return words + (f"; left out too: {lower_ones}, not compared" if lower else "")
 
 
-def _above(above: Sequence[BoardEntry]) -> Iterator[str]:
+def _flagged_above(above: Sequence[BoardEntry]) -> Iterator[str]:
     if len(above) > MAX_NAMED:
         yield f"The {len(above)} that rank above it are flagged, and do not lead."
     elif above:
@@ -224,17 +226,17 @@ def moves_on(board: Board, left: Sequence[EntryNews]) -> list[str]:
     down = [entry for entry in ranked if _steps_up(entry) < 0]
     parts = []
     if new:
-        parts.append(f"{len(new)} newly ranked{_named(new, 'to')}")
+        parts.append(f"{len(new)} newly ranked{_named_ranks(new, 'to')}")
     if left:
-        parts.append(f"{len(left)} left{_named(left, 'from')}")
+        parts.append(f"{len(left)} left{_named_ranks(left, 'from')}")
     if up:
-        parts.append(f"{len(up)} moved up{_named(up, 'to')}")
+        parts.append(f"{len(up)} moved up{_named_ranks(up, 'to')}")
     if down:
-        parts.append(f"{len(down)} moved down{_named(down, 'to')}")
+        parts.append(f"{len(down)} moved down{_named_ranks(down, 'to')}")
     return parts
 
 
-def _named(entries: Sequence[BoardEntry | EntryNews], way: str) -> str:
+def _named_ranks(entries: Sequence[BoardEntry | EntryNews], way: str) -> str:
     """Name a few, with their rank; of many, none."""
     if len(entries) > MAX_NAMED:
         return ""

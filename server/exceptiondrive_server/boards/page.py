@@ -93,7 +93,7 @@ def of_board(board: Board, what: Hashable, make: Callable[[], T]) -> T:
     return found if found is not None else made.keep(what, make(), 1)
 
 
-def _shown(
+def _make_shown(
     board: Board,
     protocol: ProtocolDocument,
     curves: Curves,
@@ -297,7 +297,7 @@ class BoardPage:
         read = (self.protocol, self.curves, self.tasks, self.facts)
         asked = (self.query, self.is_current, self.before)
         key = (*(Same(each) for each in read), *asked)
-        return of_board(board, key, lambda: _shown(board, *read, *asked))
+        return of_board(board, key, lambda: _make_shown(board, *read, *asked))
 
     @property
     def challenge(self) -> Challenge:
@@ -434,7 +434,7 @@ class BoardPage:
         """What the phase keeps back now, or shows apart."""
         if self.board is None or self.now is None or not self.is_current:
             return ()
-        late = _late(self.board, self.has_late_view)
+        late = _late_notices(self.board, self.has_late_view)
         return (*late, *_kept_back(self.board, self.now))
 
     @property
@@ -471,7 +471,7 @@ class BoardPage:
         )
 
 
-def _late(board: Board, has_late_view: bool) -> Iterator[Notice]:
+def _late_notices(board: Board, has_late_view: bool) -> Iterator[Notice]:
     if board.view == "late":
         words = (
             "This is the late view: entries that came after the deadline stand among the others, "

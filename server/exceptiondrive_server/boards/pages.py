@@ -17,7 +17,7 @@ from exceptiondrive_records.submissions.submissions import ids_of_team
 from exceptiondrive_schemas.challenges import CHALLENGES, KnownChallenge
 from exceptiondrive_schemas.protocol import packaged_protocol
 from exceptiondrive_schemas.reported import reported_paper
-from exceptiondrive_server.boards.exports import EXPORTS, atom_feed, named
+from exceptiondrive_server.boards.exports import EXPORTS, atom_feed, file_name_header
 from exceptiondrive_server.boards.headline import own_entries
 from exceptiondrive_server.boards.lead_chart import lead_chart, takers
 from exceptiondrive_server.boards.page import NARROW_PX, PhaseLink
@@ -185,7 +185,7 @@ def export_board(
         board, protocol, facts = asked_entries(session, query)
         citation = site_links(session).citation
     text = export.write(board, protocol, origin_of(request), facts, citation)
-    headers = {**SECURITY_HEADERS, **named(board, form)}
+    headers = {**SECURITY_HEADERS, **file_name_header(board, form)}
     return conditional(request, text.encode(), export.media_type, headers=headers)
 
 

@@ -34,10 +34,10 @@ ELLIPSIS = "…"
 
 def width_of(text: str, size: float) -> float:
     """Estimate the width of `text`, rather too wide; characters beyond Latin count one em."""
-    return size * sum(_em(character) for character in text)
+    return size * sum(_character_width(character) for character in text)
 
 
-def _em(character: str) -> float:
+def _character_width(character: str) -> float:
     if character in _NARROW:
         return _WIDTHS["narrow"]
     if character in _WIDE:
@@ -61,16 +61,16 @@ def fitted(text: str, size: float, width: float) -> str:
 
 def in_two_lines(text: str, size: float, width: float) -> tuple[str, ...]:
     """Break `text` between words into two lines of about one length, or one; cut what is too long."""
-    lines = _broken(text, size, width)
+    lines = _two_lines(text, size, width)
     for share in (0.9, 0.8, 0.7, 0.6):
-        narrower = _broken(text, size, width * share)
+        narrower = _two_lines(text, size, width * share)
         if len(narrower) > len(lines) or any(line.endswith(ELLIPSIS) for line in narrower):
             break
         lines = narrower
     return lines
 
 
-def _broken(text: str, size: float, width: float) -> tuple[str, ...]:
+def _two_lines(text: str, size: float, width: float) -> tuple[str, ...]:
     words, taken = text.split(), 1
     while taken < len(words) and width_of(" ".join(words[: taken + 1]), size) <= width:
         taken += 1
@@ -115,7 +115,7 @@ def board_picture(reading: BoardPage) -> str:
 
 
 @lru_cache(maxsize=128)
-def painted(svg: str) -> bytes:
+def paint_png(svg: str) -> bytes:
     """Paint a drawing as PNG; kept, as boards do not change.
 
     Names that the fonts here cannot set take those of the machine, where it has any.
@@ -165,4 +165,4 @@ def painted_picture(request: Request, svg: str) -> Response:
     """Answer with the picture; one that the reader has is not painted again."""
     headers = {**SECURITY_HEADERS, "Cache-Control": "public, max-age=300"}
     tag = hashlib.sha256(svg.encode()).hexdigest()
-    return conditional(request, lambda: painted(svg), "image/png", etag=tag, headers=headers)
+    return conditional(request, lambda: paint_png(svg), "image/png", etag=tag, headers=headers)

@@ -248,7 +248,7 @@ def choose_phase(session: Session, query: BoardQuery, *, with_hidden: bool = Fal
     offered = [phase for phase in phases if phase.challenge in order]
     if query.challenge is not None and not offered:
         raise NotFound("phase of the challenge", query.challenge)
-    return min(offered, key=lambda phase: _place(phase, order), default=None)
+    return min(offered, key=lambda phase: _front_page_order(phase, order), default=None)
 
 
 def featured_protocol(session: Session) -> ProtocolDocument:
@@ -259,7 +259,7 @@ def featured_protocol(session: Session) -> ProtocolDocument:
     return find_protocol(session, phase.protocol_digest)
 
 
-def _place(phase: Phase, challenges: Sequence[str]) -> tuple[bool, float, int]:
+def _front_page_order(phase: Phase, challenges: Sequence[str]) -> tuple[bool, float, int]:
     """Where a phase stands among those that may be the front page."""
     position = inf if phase.position is None else phase.position
     return phase.visibility == "archived", position, challenges.index(phase.challenge)
@@ -344,7 +344,7 @@ def _board_before(session: Session, row: BoardRow) -> BoardBefore | None:
         .where(BoardFlip.id == before)
     )
     found = session.execute(query).first()
-    return None if found is None else BoardBefore(*found, left=_left(session, row))
+    return None if found is None else BoardBefore(*found, left=_entries_that_left(session, row))
 
 
 def _first_flip(row: BoardRow) -> ScalarSelect[int]:
@@ -355,7 +355,7 @@ def _first_flip(row: BoardRow) -> ScalarSelect[int]:
     )
 
 
-def _left(session: Session, row: BoardRow) -> tuple[EntryNews, ...]:
+def _entries_that_left(session: Session, row: BoardRow) -> tuple[EntryNews, ...]:
     """What ranked on the board before this one, and is not on it; none where its news do not name all."""
     news = session.scalar(select(BoardFlip.news).where(BoardFlip.id == _first_flip(row)))
     entries = news.entries if news and not news.n_more else ()
@@ -399,10 +399,12 @@ def read_feed(session: Session, query: BoardQuery) -> Feed:
         )
         for row in news_of(session, phase.id)
     ]
-    return Feed(phase.id, phase.title, (*boards, *news, *_dates(phase, database_now(session))))
+    return Feed(
+        phase.id, phase.title, (*boards, *news, *_phase_items(phase, database_now(session)))
+    )
 
 
-def _dates(phase: Phase, now: datetime) -> Iterator[FeedItem]:
+def _phase_items(phase: Phase, now: datetime) -> Iterator[FeedItem]:
     """What happened to a phase, newest first: a reader of its feed hears of each when it comes."""
 
     def item(what: str, at: datetime, words: str) -> FeedItem:
@@ -443,6 +445,6 @@ def _board_item(
 def _said_of(session: Session, row: BoardRow) -> _Said:
     board, protocol = parsed_board(row), find_protocol(session, row.protocol_digest)
     said = headline(board, challenge_of(board), protocol)
-    moves = "; ".join(moves_on(board, _left(session, row)))
+    moves = "; ".join(moves_on(board, _entries_that_left(session, row)))
     news = f"{moves[0].upper()}{moves[1:]}." if moves else ""
     return _Said(news, " ".join(said.findings), protocol.version)

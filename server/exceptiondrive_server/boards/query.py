@@ -128,16 +128,16 @@ class BoardQuery(BaseModel):
         if "sort" in given and "order" in given:
             given["sort"] = _SIGNS.get(given["order"], "?") + given["sort"].removeprefix("-")
         given["search"] = given.get("q", "")[:MAX_SEARCH]
-        given["hidden"] = _hidden(many)
-        given["added"] = _names(many.get("add", []))
-        given["facts"] = _names(many.get("fact", []))
+        given["hidden"] = _hidden_columns(many)
+        given["added"] = _comma_names(many.get("add", []))
+        given["facts"] = _comma_names(many.get("fact", []))
         given["chosen"] = tuple(dict.fromkeys(key for key in many.get("more", []) if key))[
             :MAX_CHOSEN
         ]
         try:
             return cls.model_validate(given)
         except ValidationError as error:
-            raise _refused(error) from None
+            raise _refusal_of(error) from None
 
     @property
     def until(self) -> datetime | None:
@@ -271,7 +271,7 @@ def _parameter(name: str, schema: dict[str, Any]) -> dict[str, Any]:
     return {**described, "description": schema["description"], "schema": plain}
 
 
-def _refused(error: ValidationError) -> InvalidRecord:
+def _refusal_of(error: ValidationError) -> InvalidRecord:
     """Name what is wrong and say why; never repeat what was sent."""
     fields: dict[str, str] = {}
     for found in error.errors():
@@ -297,12 +297,12 @@ def sort_words(asked: str, metrics: Iterable[str]) -> str:
     )
 
 
-def _hidden(many: Mapping[str, list[str]]) -> frozenset[str]:
+def _hidden_columns(many: Mapping[str, list[str]]) -> frozenset[str]:
     """Columns switched off: a `hide` list, or the form's checkboxes against all it offered."""
     if "offered" in many:
-        return _names(many["offered"]) - set(many.get("show", []))
-    return _names(many.get("hide", []))
+        return _comma_names(many["offered"]) - set(many.get("show", []))
+    return _comma_names(many.get("hide", []))
 
 
-def _names(texts: Iterable[str]) -> frozenset[str]:
+def _comma_names(texts: Iterable[str]) -> frozenset[str]:
     return frozenset([name for text in texts for name in text.split(",") if name])

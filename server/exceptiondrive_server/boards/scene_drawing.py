@@ -69,29 +69,29 @@ def scene_drawing(drawing: ProtocolDrawing, protocol: ProtocolDocument) -> Scene
     return SceneDrawing(
         width=WIDTH,
         height=HEIGHT,
-        road_top=_at(view, (0, LANE_M * 1.5))[1],
-        road_bottom=_at(view, (0, -LANE_M * 0.5 - 1.6))[1],
-        lane_y=_at(view, (0, LANE_M * 0.5))[1],
+        road_top=_pixel_at(view, (0, LANE_M * 1.5))[1],
+        road_bottom=_pixel_at(view, (0, -LANE_M * 0.5 - 1.6))[1],
+        lane_y=_pixel_at(view, (0, LANE_M * 0.5))[1],
         tube=tuple(view.points(part) for part in sample.tube),
         footprints=tuple(view.points(box) for box in boxes),
         edited=_path(view, sample.edited),
         source=_path(view, sample.source),
-        waypoints=tuple(_at(view, position) for position in sample.edited[1:]),
+        waypoints=tuple(_pixel_at(view, position) for position in sample.edited[1:]),
         region=view.points(sample.region),
         halo_width=px(2 * sample.d_safe_m * view.scale),
-        region_label=_at(view, _centre(sample.region)),
-        clearance=(*_at(view, near[0]), *_at(view, near[1])),
-        clearance_label=_at(view, middle),
+        region_label=_pixel_at(view, _centre(sample.region)),
+        clearance=(*_pixel_at(view, near[0]), *_pixel_at(view, near[1])),
+        clearance_label=_pixel_at(view, middle),
         car=view.points(_car_part(geometry, (0.0, 1.0), 0.5)),
         cabin=(
             view.points(_car_part(geometry, (0.55, 0.7), 0.34)),
             view.points(_car_part(geometry, (0.1, 0.15), 0.3)),
         ),
-        axis_origin=_at(view, (0.0, 0.0)),
-        length_line=_dimension(view, boxes[0][2], boxes[0][3], (0.0, -0.35)),
-        width_line=_dimension(view, boxes[0][1], boxes[0][2], (-0.35, 0.0)),
-        halo_label=_at(view, (_centre(sample.region)[0], lowest - sample.d_safe_m)),
-        source_label=_at(view, sample.source[min(2, len(sample.source) - 1)]),
+        axis_origin=_pixel_at(view, (0.0, 0.0)),
+        length_line=_dimension_line(view, boxes[0][2], boxes[0][3], (0.0, -0.35)),
+        width_line=_dimension_line(view, boxes[0][1], boxes[0][2], (-0.35, 0.0)),
+        halo_label=_pixel_at(view, (_centre(sample.region)[0], lowest - sample.d_safe_m)),
+        source_label=_pixel_at(view, sample.source[min(2, len(sample.source) - 1)]),
         length_m=geometry.footprint_length_m,
         width_m=geometry.footprint_width_m,
         clearance_m=sample.clearance_m or 0.0,
@@ -104,15 +104,17 @@ def scene_drawing(drawing: ProtocolDrawing, protocol: ProtocolDocument) -> Scene
     )
 
 
-def _at(view: View, position: Position) -> tuple[str, str]:
+def _pixel_at(view: View, position: Position) -> tuple[str, str]:
     x, y = view.at(position)
     return px(x), px(y)
 
 
-def _dimension(view: View, a: Position, b: Position, away: Position) -> tuple[str, str, str, str]:
+def _dimension_line(
+    view: View, a: Position, b: Position, away: Position
+) -> tuple[str, str, str, str]:
     """A line beside an edge that shows its length."""
     first, second = (a[0] + away[0], a[1] + away[1]), (b[0] + away[0], b[1] + away[1])
-    return (*_at(view, first), *_at(view, second))
+    return (*_pixel_at(view, first), *_pixel_at(view, second))
 
 
 def _car_part(geometry: GeometrySection, along: tuple[float, float], across: float) -> Outline:
@@ -137,14 +139,14 @@ def _path(view: View, trajectory: Outline) -> str:
     )
     beyond = (trajectory[-1][0] + 2.5 * direction[0], trajectory[-1][1] + 2.5 * direction[1])
     points = [*trajectory, beyond]
-    parts = ["M" + " ".join(_at(view, points[0]))]
+    parts = ["M" + " ".join(_pixel_at(view, points[0]))]
     for index in range(len(points) - 1):
         before = points[max(index - 1, 0)]
         here, there = points[index], points[index + 1]
         after = points[min(index + 2, len(points) - 1)]
         first = (here[0] + (there[0] - before[0]) / 6, here[1] + (there[1] - before[1]) / 6)
         second = (there[0] - (after[0] - here[0]) / 6, there[1] - (after[1] - here[1]) / 6)
-        parts.append("C" + " ".join(" ".join(_at(view, p)) for p in (first, second, there)))
+        parts.append("C" + " ".join(" ".join(_pixel_at(view, p)) for p in (first, second, there)))
     return "".join(parts)
 
 

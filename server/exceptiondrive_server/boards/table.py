@@ -196,7 +196,7 @@ class RowBuilder:
         return fit if len(fit) > 1 else []
 
     @cached_property
-    def _best(self) -> dict[str, str | None]:
+    def _best_texts(self) -> dict[str, str | None]:
         """Best published text per primary metric."""
         rows = [values_of(entry, self.board, self.average) for entry in self._rivals]
         return {
@@ -255,7 +255,7 @@ class RowBuilder:
 
     def _cell(self, entry: BoardEntry, metric: Metric, value: float | None) -> Cell:
         text = self.digits.text(metric, value)
-        is_best = entry.may_lead and text is not None and text == self._best.get(metric.key)
+        is_best = entry.may_lead and text is not None and text == self._best_texts.get(metric.key)
         axis = self.axes.get(metric.key)
         interval = interval_of(entry, self.board, self.average, metric.key)
         words = "" if text is None else f"{metric.label} {with_unit(metric, text)}"
@@ -605,12 +605,12 @@ class BoardTable:
     @cached_property
     def optional_columns(self) -> list[tuple[str, str]]:
         """Key and label of each column that may be switched off."""
-        return _optional(self.builder.challenge)
+        return _optional_columns(self.builder.challenge)
 
     @cached_property
     def extra_columns(self) -> list[tuple[str, str]]:
         """Key and label of each column that is off unless it is asked for."""
-        return _extra(self.builder.challenge)
+        return _extra_columns(self.builder.challenge)
 
     @cached_property
     def sources(self) -> list[tuple[EntrySource | None, str, int]]:
@@ -680,14 +680,14 @@ class BoardTable:
         ]
 
 
-def _optional(challenge: Challenge) -> list[tuple[str, str]]:
+def _optional_columns(challenge: Challenge) -> list[tuple[str, str]]:
     """The columns that may be switched off: all but rank, method and primary metrics."""
     columns = [metric for metric in challenge.metrics if metric.shown == "column"]
     diagnostic = [(m.key, m.label) for m in columns if m.role == "diagnostic"]
     return [*diagnostic, ("outcome", "Outcome and families")]
 
 
-def _extra(challenge: Challenge) -> list[tuple[str, str]]:
+def _extra_columns(challenge: Challenge) -> list[tuple[str, str]]:
     metrics = [(m.key, m.label) for m in challenge.metrics if m.shown == "extra column"]
     return [*metrics, ("date", "Date of submission")]
 
@@ -708,8 +708,8 @@ def board_table(
     """
     challenge = challenge_of(board)
     columns = {
-        "hidden": query.hidden & dict(_optional(challenge)).keys(),
-        "added": query.added & dict(_extra(challenge)).keys(),
+        "hidden": query.hidden & dict(_optional_columns(challenge)).keys(),
+        "added": query.added & dict(_extra_columns(challenge)).keys(),
     }
     query = query.model_copy(update=columns)
     average = query.average or board.headline

@@ -116,7 +116,7 @@ def verdict(board: Board, entries: Sequence[BoardEntry], digits: Digits) -> str:
     keys = [entry_key(entry) for entry in entries]
     called = dict(zip(keys, labels_of(entries, LONGEST_NAME), strict=True))
     fit = [entry for entry in entries if not is_barred(entry)]
-    leader = _leader(fit or entries, first)
+    leader = _best_by_metric(fit or entries, first)
     if leader is None:
         return f"None of them has {first.label}."
     level = [e for e in fit or entries if e is not leader and _is_level(e, leader, first, digits)]
@@ -147,7 +147,7 @@ def _is_level(one: BoardEntry, other: BoardEntry, metric: Metric, digits: Digits
     return x == y
 
 
-def _leader(entries: Sequence[BoardEntry], metric: Metric) -> BoardEntry | None:
+def _best_by_metric(entries: Sequence[BoardEntry], metric: Metric) -> BoardEntry | None:
     sign = -1 if metric.better == "higher" else 1
     known = [entry for entry in entries if entry.metrics.get(metric.key) is not None]
     return min(known, key=lambda e: sign * (e.metrics[metric.key] or 0.0), default=None)

@@ -106,7 +106,7 @@ def read_entry(session: Session, key: str, query: BoardQuery) -> EntryData:
         is_current=is_current,
         sheet=_sheet(session, key, board) if submission else None,
         submission=None if is_anonymous(phase) else submission,
-        past=_past(session, submission) if submission else (),
+        past=_past_positions(session, submission) if submission else (),
         drawings=drawings,
         pictures=pictures_of(session, board.split, drawn_ids),
         told=facts_on(session, board).get(key, EntryFacts()),
@@ -188,9 +188,9 @@ def read_comparison(
         return ComparedEntries(reading, (), ())
     more = list(dict.fromkeys(value for key, value in pairs if key == "more" and value))
     first_two = [given.get(key) or (more.pop(0) if more else None) for key in ("a", "b")]
-    named = [_named(board, key) for key in first_two]
-    rest = [_named(board, key) for key in more]
-    pair = _pair(board, *named)
+    named = [_require_entry(board, key) for key in first_two]
+    rest = [_require_entry(board, key) for key in more]
+    pair = _pair_to_compare(board, *named)
     if pair is None:
         return ComparedEntries(reading, (), ())
     others = [entry for entry in rest if entry and entry not in pair]
@@ -199,7 +199,7 @@ def read_comparison(
     return ComparedEntries(reading, entries, sheets)
 
 
-def _pair(
+def _pair_to_compare(
     board: Board, a: BoardEntry | None, b: BoardEntry | None
 ) -> tuple[BoardEntry, BoardEntry] | None:
     """Those who are named, and the best who are not."""
@@ -212,7 +212,7 @@ def _pair(
     return a or other, b or other
 
 
-def _named(board: Board, key: str | None) -> BoardEntry | None:
+def _require_entry(board: Board, key: str | None) -> BoardEntry | None:
     entry = find_named(board, key) if key else None
     if key and entry is None:
         raise NotFound("entry on this board", key)
@@ -228,7 +228,7 @@ def _sheet(session: Session, key: str | None, board: Board) -> ScoreSheet | None
     return shown_sheet(phase, row, database_now(session)) if row else None
 
 
-def _past(session: Session, submission: Submission) -> tuple[PastPosition, ...]:
+def _past_positions(session: Session, submission: Submission) -> tuple[PastPosition, ...]:
     """Where the entry stands, or stood last, under each protocol that was ever shown; newest first."""
     rows = boards_by_protocol(session, submission, MOST_PROTOCOLS)
     found = (_standing(submission.id, first, last) for first, last in rows)

@@ -82,7 +82,11 @@ def read_scenes(session: Session, query: BoardQuery, keys: Sequence[str] = ()) -
         NotFound: There is no such board, or an entry is not drawn there.
     """
     asked = read_board(session, query)
-    shown = asked if asked.phase is None or asked.phase.split_is_public else _lender(session, asked)
+    shown = (
+        asked
+        if asked.phase is None or asked.phase.split_is_public
+        else _phase_with_scenes(session, asked)
+    )
     if shown is None or shown.board is None:
         return Scenes(asked, shown or asked, (), (), ())
     drawn = _drawn_entries(session, shown.board, is_current=shown.is_current)
@@ -103,7 +107,7 @@ def read_scenes(session: Session, query: BoardQuery, keys: Sequence[str] = ()) -
     return Scenes(asked, shown, tuple(chosen), tuple(offered), scenes)
 
 
-def _lender(session: Session, asked: BoardPage) -> BoardPage | None:
+def _phase_with_scenes(session: Session, asked: BoardPage) -> BoardPage | None:
     """The first phase of the same challenge whose split is public and which has a board."""
     for link in asked.phases:
         if link.split_is_public and link.challenge is asked.challenge:

@@ -65,10 +65,10 @@ def sheet_tables(
     kinds = (CONFUSION, SENSITIVITY, REMINDER)
     others = {key: row for key, row in sheet.extra.items() if not key.startswith(kinds)}
     tables = (
-        _sensitivity(sheet, protocol, digits),
-        _confusion(_of_kind(sheet, CONFUSION)),
-        _reminder(sheet.extra.get(REMINDER, {}), digits),
-        _others(others),
+        _sensitivity_table(sheet, protocol, digits),
+        _confusion_table(_of_kind(sheet, CONFUSION)),
+        _reminder_table(sheet.extra.get(REMINDER, {}), digits),
+        _further_rows(others),
     )
     return tuple(table for table in tables if table.lines)
 
@@ -77,7 +77,7 @@ def _of_kind(sheet: ScoreSheet, kind: str) -> dict[str, MetricRow]:
     return {k.removeprefix(kind): row for k, row in sheet.extra.items() if k.startswith(kind)}
 
 
-def _sensitivity(sheet: ScoreSheet, protocol: ProtocolDocument, digits: Digits) -> SheetTable:
+def _sensitivity_table(sheet: ScoreSheet, protocol: ProtocolDocument, digits: Digits) -> SheetTable:
     """HCC with other required clearances, the one that ranks among them, from small to large."""
     by_factor = {float(factor): row for factor, row in _of_kind(sheet, SENSITIVITY).items()}
     if by_factor:
@@ -100,9 +100,9 @@ def _sensitivity(sheet: ScoreSheet, protocol: ProtocolDocument, digits: Digits) 
     )
 
 
-def _confusion(rows: dict[str, MetricRow]) -> SheetTable:
+def _confusion_table(rows: dict[str, MetricRow]) -> SheetTable:
     """How many samples of each acceptable set got each answer: plain counts."""
-    heads = _heads(rows)
+    heads = _column_keys(rows)
     return SheetTable(
         "Answers by acceptable set",
         tuple("samples" if head == "n" else head for head in heads),
@@ -114,7 +114,7 @@ def _confusion(rows: dict[str, MetricRow]) -> SheetTable:
     )
 
 
-def _reminder(row: MetricRow, digits: Digits) -> SheetTable:
+def _reminder_table(row: MetricRow, digits: Digits) -> SheetTable:
     n = row.get("n")
     over = "the samples" if n is None else counted(int(n), "sample")
     return SheetTable(
@@ -130,19 +130,19 @@ def _reminder(row: MetricRow, digits: Digits) -> SheetTable:
     )
 
 
-def _others(rows: dict[str, MetricRow]) -> SheetTable:
-    heads = _heads(rows)
+def _further_rows(rows: dict[str, MetricRow]) -> SheetTable:
+    heads = _column_keys(rows)
     return SheetTable(
         "Further rows",
         tuple(head.replace("_", " ") for head in heads),
         tuple(
-            (name.replace("_", " "), tuple(_plain(row.get(head)) for head in heads))
+            (name.replace("_", " "), tuple(_plain_number(row.get(head)) for head in heads))
             for name, row in rows.items()
         ),
     )
 
 
-def _heads(rows: dict[str, MetricRow]) -> tuple[str, ...]:
+def _column_keys(rows: dict[str, MetricRow]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(key for row in rows.values() for key in row))
 
 
@@ -154,7 +154,7 @@ def _count(value: float | None) -> str:
     return "" if value is None else f"{value:.0f}"
 
 
-def _plain(value: float | None) -> str:
+def _plain_number(value: float | None) -> str:
     if value is None:
         return ""
     return str(int(value)) if value == int(value) and abs(value) > 1 else fixed(value * 100, 1)

@@ -90,9 +90,9 @@ def entry_page(reading: EntryData) -> dict[str, Any]:
         "axis": WHOLE,
         "averages": (AVERAGE_TITLES[board.headline], AVERAGE_TITLES[other]),
         "other": values_of(entry, board, other),
-        "parts": tuple(_parts(reading, challenge.metrics[0])),
+        "parts": tuple(_family_parts(reading, challenge.metrics[0])),
         "metrics": [metric for metric in challenge.metrics if metric.shown != "details"],
-        "details": _details(board, entry),
+        "details": _detail_metrics(board, entry),
         "beside_others": dot_plot(board, beside, digits),
         "beside_wide": dot_plot(board, beside, digits, DOT_WIDE),
         "board_query": board_query,
@@ -108,13 +108,13 @@ def entry_page(reading: EntryData) -> dict[str, Any]:
             *([effects] if effects.lines else ()),
             *(sheet_tables(sheet, reading.protocol, digits) if sheet else ()),
         ),
-        "neighbours": _neighbours(reading),
+        "neighbours": _neighbour_links(reading),
         "board_url": f"/?{board_query}#board",
         "picture_url": f"/pictures/entries/{entry_key(entry)}.png?{_picture_query(board)}",
     }  # fmt: skip
 
 
-def _parts(reading: EntryData, first: Metric) -> Iterator[Part]:
+def _family_parts(reading: EntryData, first: Metric) -> Iterator[Part]:
     """Each family of an entry, followed by its tasks where a score sheet is known."""
     tasks = reading.sheet.tasks if reading.sheet else {}
     for head in reading.board.families:
@@ -126,7 +126,7 @@ def _parts(reading: EntryData, first: Metric) -> Iterator[Part]:
                     yield Part(task.id, task.title, task.hazard, tasks[task.id], None, False)
 
 
-def _details(board: Board, entry: BoardEntry) -> list[Metric]:
+def _detail_metrics(board: Board, entry: BoardEntry) -> list[Metric]:
     """Metrics that are no columns, as far as the entry has them; shares of the bar stand with it."""
     challenge = challenge_of(board)
     drawn = {part.metric for part in challenge.words.outcome}
@@ -155,7 +155,7 @@ def _picture_query(board: Board) -> str:
     return urlencode(given)
 
 
-def _neighbours(reading: EntryData) -> list[tuple[str, BoardEntry, str]]:
+def _neighbour_links(reading: EntryData) -> list[tuple[str, BoardEntry, str]]:
     """Comparisons with the entries just above and below on this board: words, entry, address."""
     board, entry = reading.board, reading.entry
     ranked = [other for other in board.entries if other.rank is not None]

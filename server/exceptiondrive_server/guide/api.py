@@ -37,7 +37,7 @@ def get_schemas() -> list[str]:
 )
 def get_schema(name: DocumentName) -> Response:
     """Give the JSON Schema of a document."""
-    return Response(schema_text(_known(name)), media_type=SCHEMA_MEDIA_TYPE)
+    return Response(schema_text(_require_document(name)), media_type=SCHEMA_MEDIA_TYPE)
 
 
 @router.get(
@@ -48,10 +48,10 @@ def get_schema(name: DocumentName) -> Response:
 )
 def get_example(name: DocumentName) -> Response:
     """Give a small valid example of a document."""
-    return Response(example_text(_known(name)), media_type="application/json")
+    return Response(example_text(_require_document(name)), media_type="application/json")
 
 
-def _known(name: str) -> str:
+def _require_document(name: str) -> str:
     if name not in DOCUMENT_NAMES:
         raise NotFound("document", name)
     return name

@@ -81,14 +81,14 @@ def _wheel(path: Path, size_bytes: int, changed_ns: int) -> Wheel:
     needs = re.search(rb"^Requires-Python: *(.+)$", metadata, re.MULTILINE)
     return Wheel(
         path,
-        _normal(named["project"]),
+        _normal_name(named["project"]),
         size_bytes,
         digest,
         needs[1].decode().strip() if needs else "",
     )
 
 
-def _normal(name: str) -> str:
+def _normal_name(name: str) -> str:
     return re.sub(r"[-_.]+", "-", name).lower()
 
 

@@ -59,9 +59,9 @@ def operations(description: Node) -> dict[str, list[Operation]]:
 def _operation(method: str, path: str, told: Node, schemas: Node) -> Operation:
     responses = told.get("responses", {})
     taken = [code for code in sorted(responses) if code < "300"]
-    name, answer = _resolved(_content(responses.get(taken[0], {}) if taken else {}), schemas)
-    body = _resolved(_content(told.get("requestBody", {})), schemas)[1]
-    codes = [_codes(each) for code, each in responses.items() if "400" <= code < "500"]
+    name, answer = _resolved_schema(_content(responses.get(taken[0], {}) if taken else {}), schemas)
+    body = _resolved_schema(_content(told.get("requestBody", {})), schemas)[1]
+    codes = [_problem_codes(each) for code, each in responses.items() if "400" <= code < "500"]
     return Operation(
         method=method,
         path=path,
@@ -77,7 +77,7 @@ def _operation(method: str, path: str, told: Node, schemas: Node) -> Operation:
         problems=tuple([code for each in codes for code in each]),
         sample="".join(
             [
-                json.dumps(_shortened(example), indent=2)
+                json.dumps(_shortened_example(example), indent=2)
                 for example in answer.get("examples", ())[:1]
             ]
         ),
@@ -90,10 +90,10 @@ def _content(message: Node) -> Node:
     return next((kind.get("schema", {}) for kind in kinds.values()), {})
 
 
-def _resolved(schema: Node, schemas: Node) -> tuple[str, Node]:
+def _resolved_schema(schema: Node, schemas: Node) -> tuple[str, Node]:
     """The name of a schema, `list of NAME` of a list, and what it says."""
     if schema.get("type") == "array":
-        name, inner = _resolved(schema.get("items", {}), schemas)
+        name, inner = _resolved_schema(schema.get("items", {}), schemas)
         return f"list of {name}", {key: inner[key] for key in inner if key != "examples"}
     name = schema.get("$ref", "").rpartition("/")[2]
     return name, schemas.get(name, schema)
@@ -127,23 +127,29 @@ def type_words(node: Node) -> str:
         return f"list of {type_words(node.get('items', {}))}"
     ends = [("minimum", "at least"), ("maximum", "at most"), ("default", "else")]
     told = [
-        f"{words} {_plain(node[key])}" for key, words in ends if node.get(key) not in (None, "")
+        f"{words} {_plain_number(node[key])}"
+        for key, words in ends
+        if node.get(key) not in (None, "")
     ]
     return ", ".join([str(node.get("format") or node.get("type") or "any value"), *told])
 
 
-def _plain(value: Any) -> Any:
+def _plain_number(value: Any) -> Any:
     """A whole number without its `.0`."""
     return int(value) if isinstance(value, float) and value.is_integer() else value
 
 
-def _codes(answer: Node) -> list[str]:
+def _problem_codes(answer: Node) -> list[str]:
     """The codes that stand in backticks in what is said of an answer."""
     return answer.get("description", "").split("`")[1::2]  # type: ignore[no-any-return]
 
 
-def _shortened(example: Any) -> Any:
+def _shortened_example(example: Any) -> Any:
     """The first of each list: one row shows what all look like."""
     if isinstance(example, dict):
-        return {key: _shortened(value) for key, value in example.items()}
-    return [_shortened(value) for value in example[:1]] if isinstance(example, list) else example
+        return {key: _shortened_example(value) for key, value in example.items()}
+    return (
+        [_shortened_example(value) for value in example[:1]]
+        if isinstance(example, list)
+        else example
+    )

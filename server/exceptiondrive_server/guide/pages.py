@@ -28,7 +28,7 @@ router = APIRouter(include_in_schema=False)
 @router.get("/problems")
 def show_problems(request: Request) -> Response:
     """List every code."""
-    return page(request, "guide/problems.html", "", problems=PROBLEMS, faults=_faults())
+    return page(request, "guide/problems.html", "", problems=PROBLEMS, faults=_fault_words())
 
 
 @router.get("/problems/{code}")
@@ -36,11 +36,11 @@ def show_problem(request: Request, code: str) -> Response:
     """Explain a problem of the API or a fault of a file."""
     if code in set(ProblemCode):
         problem = ProblemCode(code)
-        faults = _faults() if problem is ProblemCode.FILE_INVALID else {}
+        faults = _fault_words() if problem is ProblemCode.FILE_INVALID else {}
         kind = PROBLEMS[problem]
         return page(request, "guide/problem.html", "", code=code, problem=kind, faults=faults)
     if code in set(FaultCode):
-        happened, remedy = _parted(MESSAGES[FaultCode(code)])
+        happened, remedy = _split_message(MESSAGES[FaultCode(code)])
         return page(
             request,
             "guide/fault.html",
@@ -48,7 +48,7 @@ def show_problem(request: Request, code: str) -> Response:
             code=code,
             happened=happened,
             remedy=remedy,
-            reported=_reported(FaultCode(code)),
+            reported=_reported_group(FaultCode(code)),
         )
     raise NotFound("problem", code)
 
@@ -83,18 +83,18 @@ def show_privacy(request: Request) -> Response:
     return page(request, "guide/privacy.html", "", cookies=cookies, window_minutes=window)
 
 
-def _faults() -> dict[FaultCode, str]:
+def _fault_words() -> dict[FaultCode, str]:
     """Every fault of a file, with what is wrong."""
-    return {code: _parted(MESSAGES[code])[0] for code in FaultCode}
+    return {code: _split_message(MESSAGES[code])[0] for code in FaultCode}
 
 
 @cache
-def _reported(code: FaultCode) -> FaultGroup:
+def _reported_group(code: FaultCode) -> FaultGroup:
     """What the checker reports of a file that is broken in just this way."""
     return next(group for group in report_of(code).faults if group.code is code)
 
 
-def _parted(message: str) -> tuple[str, str]:
+def _split_message(message: str) -> tuple[str, str]:
     """Part a message into what is wrong and what to do."""
     happened, colon, remedy = message.partition(": ")
     if not colon:

@@ -192,13 +192,13 @@ class Launcher:
             os.killpg(self._sample.pid, signal.SIGTERM)
         brokers = [child for child in self.children if child.plan.name == "broker"]
         services = [child for child in self.children if child not in brokers]
-        self._end(services)
-        self._end(brokers)  # last: the worker says goodbye to it
+        self._end_children(services)
+        self._end_children(brokers)  # last: the worker says goodbye to it
         if self._sample is not None:
             self._sample.wait()
         self.say("stopped; the data stays in " + str(self.layout.data))
 
-    def _end(self, children: list[Child]) -> None:
+    def _end_children(self, children: list[Child]) -> None:
         for child in children:
             child.end()
         deadline = time.monotonic() + _GRACE_S

@@ -92,17 +92,17 @@ class BrokerFolder:
         wanted = layout.data.resolve() / "broker"
         self._is_temporary = not is_short_enough(wanted)
         self.path = Path(tempfile.mkdtemp(prefix="ed-")) if self._is_temporary else wanted
-        with self._opened() as folder:
+        with self._open_folder() as folder:
             os.fchmod(folder, 0o700)
         self.url = broker_url(self.path)
 
     def give_to(self, user: int) -> None:
         """Let another user run the broker; root reaches it all the same."""
-        with self._opened() as folder:
+        with self._open_folder() as folder:
             os.fchown(folder, user, user)
 
     @contextmanager
-    def _opened(self) -> Iterator[int]:
+    def _open_folder(self) -> Iterator[int]:
         """The folder itself, made if need be: root gives nobody what a link in its place leads to."""
         try:
             self.path.mkdir(exist_ok=True)
@@ -222,8 +222,8 @@ def banner(data: Path, address: Address, phase: str | None) -> str:
         splits=""
         if splits_dir is None
         else f"EXCEPTIONDRIVE_SPLITS_DIR={shlex.quote(splits_dir)} ",
-        worker=_command("exceptiondrive-worker"),
-        client=_command("exceptiondrive"),
+        worker=_typed_command("exceptiondrive-worker"),
+        client=_typed_command("exceptiondrive"),
         data_option=data_option,
     )
     return _BANNER.format(
@@ -232,13 +232,13 @@ def banner(data: Path, address: Address, phase: str | None) -> str:
         url=address.url,
         data=data,
         logs=data / "logs",
-        server=_command("exceptiondrive-server"),
-        client=_command("exceptiondrive"),
+        server=_typed_command("exceptiondrive-server"),
+        client=_typed_command("exceptiondrive"),
         data_option=data_option,
     )
 
 
-def _command(name: str) -> str:
+def _typed_command(name: str) -> str:
     """Return how a reader may type the command from here."""
     path = Path(sys.executable).parent / name
     if not path.is_file():

@@ -53,7 +53,7 @@ def own_user_of_server(data: Path) -> tuple[int | None, str]:
         if why is not None:
             data.chmod(0o700)
         for path in own:
-            _give(path, SERVER_USER if why is None else 0)
+            _give_ownership(path, SERVER_USER if why is None else 0)
     except OSError as error:
         raise LaunchError(f"cannot share {data} with the server's user: {error.strerror}") from None
     if why is not None:
@@ -65,7 +65,7 @@ def _why_not(data: Path) -> str | None:
     """Return why server and worker cannot be two users who share the data, if there is a reason."""
     if not _may_root_write_servers_file(data):
         return "This system keeps root from the server's files in a shared folder (fs.protected_regular)."
-    unreachable = _unreachable(data)
+    unreachable = _unreachable_path(data)
     return unreachable and f"Another user cannot run it from here ({unreachable})."
 
 
@@ -83,7 +83,7 @@ def _may_root_write_servers_file(data: Path) -> bool:
     return True
 
 
-def _unreachable(data: Path) -> str | None:
+def _unreachable_path(data: Path) -> str | None:
     """Return what the server's user cannot reach of Python, our code and the data, if anything."""
     try:
         subprocess.run(
@@ -102,7 +102,7 @@ def _unreachable(data: Path) -> str | None:
     return None
 
 
-def _give(path: Path, user: int) -> None:
+def _give_ownership(path: Path, user: int) -> None:
     """Let a user own a file, or a folder with all in it, but nothing that a link points to.
 
     The server may put links here: root would give it whatever they name.

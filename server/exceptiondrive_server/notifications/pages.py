@@ -46,7 +46,7 @@ def show_notices(
     browser: Browser, after: Annotated[str | None, Query(max_length=64)] = None
 ) -> Response:
     """Show the inbox of the team, newest first, and where it is told besides."""
-    return _page(browser, after=after)
+    return _notices_page(browser, after=after)
 
 
 @router.post(f"{HERE}/read")
@@ -77,10 +77,10 @@ def post_add(browser: Browser, form: PostedForm) -> Response:
             )
             secret = contact.secret if channel is Channel.WEBHOOK else None
     except RecordsError as refusal:
-        return _page(browser, refusal=refusal, typed=address)
+        return _notices_page(browser, refusal=refusal, typed=address)
     if secret is None:
         return RedirectResponse(HERE, status_code=303)
-    return _page(browser, secret=secret)
+    return _notices_page(browser, secret=secret)
 
 
 @router.post(f"{HERE}/{{contact_id}}/wishes")
@@ -115,7 +115,7 @@ def show_link(
         contact = find_by_key(session, contact_id, key, may_be_removed=what == "unsubscribe")
     said = "unsubscribed" if contact.unsubscribed_at else what
     said = "confirmed" if said == "confirm" and contact.confirmed_at else said
-    return _answer(request, what=said, address=contact.address, key=key, id=contact_id)
+    return _contact_page(request, what=said, address=contact.address, key=key, id=contact_id)
 
 
 @router.post("/contacts/{contact_id}/confirm")
@@ -125,7 +125,7 @@ def post_confirm(
     """Note the yes of whoever reads at an address."""
     with services.database.write() as session:
         address = confirm_contact(session, contact_id, key).address
-    return _answer(request, what="confirmed", address=address)
+    return _contact_page(request, what="confirmed", address=address)
 
 
 @router.post("/contacts/{contact_id}/unsubscribe")
@@ -138,7 +138,7 @@ def post_unsubscribe(
     """
     with services.database.write() as session:
         address = unsubscribe_contact(session, contact_id, key)
-    return _answer(request, what="unsubscribed", address=address, key=key, id=contact_id)
+    return _contact_page(request, what="unsubscribed", address=address, key=key, id=contact_id)
 
 
 @router.post("/contacts/{contact_id}/allow")
@@ -146,7 +146,7 @@ def post_allow(request: Request, services: ServicesOf, contact_id: ContactId, ke
     """Let teams ask at an address again whose reader said no."""
     with services.database.write() as session:
         allow_contact(session, contact_id, key)
-    return _answer(request, what="allowed", address="")
+    return _contact_page(request, what="allowed", address="")
 
 
 @template_filter
@@ -158,7 +158,7 @@ def stood(
     return standing_words(challenge, standing, before=before)
 
 
-def _answer(request: Request, **values: Any) -> Response:
+def _contact_page(request: Request, **values: Any) -> Response:
     return private_page(request, "notifications/contact.html", "", **values)
 
 
@@ -167,7 +167,7 @@ def _wishes(form: FormData) -> list[Wish]:
     return [wish for wish in WISHES if wish in given]
 
 
-def _page(
+def _notices_page(
     browser: SignedIn,
     *,
     refusal: RecordsError | None = None,

@@ -68,7 +68,7 @@ def write_backup(
             away, or the file cannot be written.
     """
     try:
-        with _appearing(path) as stream, tarfile.open(fileobj=stream, mode="w|") as archive:
+        with _atomic_file(path) as stream, tarfile.open(fileobj=stream, mode="w|") as archive:
             with database.read() as session:
                 begin_snapshot(session)
                 digests = file_digests(session)
@@ -241,7 +241,7 @@ def _add_lines(archive: tarfile.TarFile, name: str, lines: Iterator[str], folder
 
 
 @contextmanager
-def _appearing(path: Path) -> Iterator[IO[bytes]]:
+def _atomic_file(path: Path) -> Iterator[IO[bytes]]:
     """Give a file that takes its name, synced, when all went well, and is gone otherwise."""
     descriptor, name = tempfile.mkstemp(prefix=f".{path.name}-", dir=path.parent)
     try:

@@ -83,7 +83,7 @@ class BareServer:
         for name, (user, mode) in _FOLDERS.items():
             path = self.folder / name
             path.mkdir(parents=True, exist_ok=True)
-            _give(path, user, mode)
+            _set_owner(path, user, mode)
         secrets = self.folder / "secrets"
         made = write_first_secrets(secrets, self.host, database=DATABASE_AT, broker=BROKER_AT)
         require_pair(secrets)
@@ -91,20 +91,20 @@ class BareServer:
             _first_sql((secrets / "postgres_password").read_text())
         )
         for path in (secrets, *secrets.iterdir()):
-            _give(path, OWNER_USER, 0o700 if path.is_dir() else 0o400)
+            _set_owner(path, OWNER_USER, 0o700 if path.is_dir() else 0o400)
         for secret, (copy, user) in _COPIED.items():
-            self._put(f"etc/{copy}", (secrets / secret).read_text(), user, 0o600)
+            self._replace_file(f"etc/{copy}", (secrets / secret).read_text(), user, 0o600)
         for service, (user, values) in self._settings(secrets).items():
             path = self.folder / f"etc/{service}.env"
-            self._put(f"etc/{service}.env", _merged(values, path), user, 0o600)
-        for name, text in _templates():
+            self._replace_file(f"etc/{service}.env", _merged_settings(values, path), user, 0o600)
+        for name, text in _unit_templates():
             place = _BESIDE.get(name, f"systemd/{name}")
             filled = Template(text).substitute(programs, folder=self.folder, programs=self.programs)
-            self._put(place, filled, 0, 0o755 if name == "as.sh" else 0o644)
-        self._put("etc/nginx.conf", self._nginx(nginx), 0, 0o644)
+            self._replace_file(place, filled, 0, 0o755 if name == "as.sh" else 0o644)
+        self._replace_file("etc/nginx.conf", self._nginx(nginx), 0, 0o644)
         return made
 
-    def _put(self, name: str, text: str, user: int, mode: int) -> None:
+    def _replace_file(self, name: str, text: str, user: int, mode: int) -> None:
         """Replace a file whole; it is never readable by anybody else, not for a moment."""
         path = self.folder / name
         path.parent.mkdir(exist_ok=True)
@@ -112,7 +112,7 @@ class BareServer:
         new.unlink(missing_ok=True)
         new.touch(mode=0o600)
         new.write_text(text)
-        _give(new, user, mode)
+        _set_owner(new, user, mode)
         new.replace(path)
 
     def _settings(self, secrets: Path) -> Mapping[str, tuple[int, Mapping[str, str]]]:
@@ -195,7 +195,7 @@ def _first_sql(password: str) -> str:
     )
 
 
-def _merged(values: Mapping[str, str], path: Path) -> str:
+def _merged_settings(values: Mapping[str, str], path: Path) -> str:
     """Return lines of settings; what an operator added to the file stays."""
     lines = [f"EXCEPTIONDRIVE_{name}={value}" for name, value in values.items()]
     ours = {line.partition("=")[0] for line in lines}
@@ -204,7 +204,7 @@ def _merged(values: Mapping[str, str], path: Path) -> str:
     return "\n".join([*lines, *kept, ""])
 
 
-def _templates() -> Iterator[tuple[str, str]]:
+def _unit_templates() -> Iterator[tuple[str, str]]:
     """Yield the name of each unit and drop-in below `bare/`, and its text."""
     for found in sorted(_BARE.iterdir(), key=lambda f: f.name):
         if found.is_dir():
@@ -213,7 +213,7 @@ def _templates() -> Iterator[tuple[str, str]]:
             yield found.name, found.read_text("utf-8")
 
 
-def _give(path: Path, user: int, mode: int) -> None:
+def _set_owner(path: Path, user: int, mode: int) -> None:
     os.chown(path, user, 0 if user == 0 else GROUP)
     path.chmod(mode)
 

@@ -28,7 +28,12 @@ from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.database import Database, sentence_of
 from exceptiondrive_records.db.errors import StoreError
 from exceptiondrive_records.db.settings import RecordsSettings
-from exceptiondrive_records.migrations import MADE_EARLIER_CURE, is_current, is_usable, lacking
+from exceptiondrive_records.migrations import (
+    MADE_EARLIER_CURE,
+    is_current,
+    is_usable,
+    missing_schema,
+)
 from exceptiondrive_records.operations.overview import lane_queue
 from exceptiondrive_records.operations.troubles import troubles
 from exceptiondrive_records.phases.tables import Phase
@@ -84,17 +89,17 @@ def examine(
     `exceptiondrive-server run`, which starts every process of it.
     """
     return [
-        *_versions(),
+        *_check_versions(),
         _ok("the settings are valid and fit each other"),  # else there were none
-        *_database(settings, data),
-        *_broker(settings.broker_url),
-        *_store(settings.file_store_url),
+        *_check_database(settings, data),
+        *_check_broker(settings.broker_url),
+        *_check_store(settings.file_store_url),
         *_receipt_key(settings.receipt_key_file),
-        *(finding for folder in withheld for finding in _wall(folder)),
+        *(finding for folder in withheld for finding in _check_wall(folder)),
     ]
 
 
-def _versions() -> Iterator[Finding]:
+def _check_versions() -> Iterator[Finding]:
     said = f"Python {platform.python_version()}, SQLite {sqlite3.sqlite_version}"
     if sqlite3.sqlite_version_info < (3, 35):
         yield _error(said, "install SQLite 3.35 or later (RETURNING)")
@@ -102,7 +107,7 @@ def _versions() -> Iterator[Finding]:
         yield _ok(said)
 
 
-def _database(settings: RecordsSettings, data: Path | None) -> Iterator[Finding]:
+def _check_database(settings: RecordsSettings, data: Path | None) -> Iterator[Finding]:
     url = make_url(settings.database_url)
     if url.get_backend_name() == "sqlite":
         path = Path(url.database or "")
@@ -118,7 +123,7 @@ def _database(settings: RecordsSettings, data: Path | None) -> Iterator[Finding]
                 "back up, then run: exceptiondrive-server migrate",
             )
             return
-        if lacks := lacking(database):
+        if lacks := missing_schema(database):
             yield _error(lacks, f"{MADE_EARLIER_CURE}; waiting mends nothing")
             return
         schema = "current" if is_current(database) else "newer than this version, which is fine"
@@ -129,12 +134,12 @@ def _database(settings: RecordsSettings, data: Path | None) -> Iterator[Finding]
                 "name the primary database, not a standby; or give the file and its folder to the "
                 "server's user, with the right to write",
             )
-        yield from _clock(database)
-        yield from _queue(database, data)
-        yield from _boards(database)
+        yield from _check_clock(database)
+        yield from _check_queue(database, data)
+        yield from _check_boards(database)
         yield from _append_only(database)
-        yield from _names(database)
-        yield from _mount(database, settings.file_store_url)
+        yield from _check_names(database)
+        yield from _check_mount(database, settings.file_store_url)
     except SQLAlchemyError as error:
         yield _error(
             _words_of(error),
@@ -151,7 +156,7 @@ def _words_of(error: SQLAlchemyError) -> str:
     return f"the database does not do what it is asked ({type(error).__name__})"
 
 
-def _clock(database: Database) -> Iterator[Finding]:
+def _check_clock(database: Database) -> Iterator[Finding]:
     with database.read() as session:
         skew_s = (database_now(session) - datetime.now(UTC)).total_seconds()
     if abs(skew_s) > _CLOCK_SKEW_S:
@@ -163,7 +168,7 @@ def _clock(database: Database) -> Iterator[Finding]:
         yield _ok("the clocks of this machine and of the database agree")
 
 
-def _queue(database: Database, data: Path | None) -> Iterator[Finding]:
+def _check_queue(database: Database, data: Path | None) -> Iterator[Finding]:
     with database.read() as session:
         oldest_s = lane_queue(session, Lane.LIVE).oldest_s
         found = troubles(session)
@@ -188,7 +193,7 @@ def _queue(database: Database, data: Path | None) -> Iterator[Finding]:
         yield _warning("there is no phase", "make one: exceptiondrive organizer phases create")
 
 
-def _boards(database: Database) -> Iterator[Finding]:
+def _check_boards(database: Database) -> Iterator[Finding]:
     """All sheets of a board should be of one scorer; an upgrade to a newer one leaves those that are there."""
     query = (
         select(Phase.id, ScoreSheetRow.scorer_version)
@@ -232,7 +237,7 @@ def _append_only(database: Database) -> Iterator[Finding]:
         )
 
 
-def _names(database: Database) -> Iterator[Finding]:
+def _check_names(database: Database) -> Iterator[Finding]:
     with database.read() as session:
         found = names_that_look_alike(session)
     for names in found:
@@ -242,7 +247,7 @@ def _names(database: Database) -> Iterator[Finding]:
         )
 
 
-def _broker(url: str) -> Iterator[Finding]:
+def _check_broker(url: str) -> Iterator[Finding]:
     client = _client(url)
     try:
         policy = _of_config(client, "maxmemory-policy")
@@ -297,7 +302,7 @@ def _of_config(client: redis.Redis, name: str) -> str | None:
     return found.get(name)
 
 
-def _store(url: str) -> Iterator[Finding]:
+def _check_store(url: str) -> Iterator[Finding]:
     folder = Path(unquote(urlsplit(url).path))
     if url.startswith("file:") and not os.path.isdir(folder):  # False where it is closed
         yield _error(
@@ -344,10 +349,10 @@ def _store(url: str) -> Iterator[Finding]:
         yield _ok("the file store answers and is closed to others")
 
 
-def _mount(database: Database, url: str) -> Iterator[Finding]:
+def _check_mount(database: Database, url: str) -> Iterator[Finding]:
     folder = Path(unquote(urlsplit(url).path))
     if not url.startswith("file:") or not os.path.isdir(folder) or not os.access(folder, _LOOK):
-        return  # nothing is made by looking; `_store` says what is wrong
+        return  # nothing is made by looking; `_check_store` says what is wrong
     with database.read() as session:
         is_away = seems_unmounted(session, FileStore(url))
     if is_away:
@@ -386,7 +391,7 @@ def _private_file(path: Path, name: str) -> Iterator[Finding]:
         )
 
 
-def _wall(folder: Path) -> Iterator[Finding]:
+def _check_wall(folder: Path) -> Iterator[Finding]:
     """The user of the server must not get into what is withheld."""
     try:
         found = folder.stat()

@@ -20,7 +20,7 @@ from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.printable import counted, duration_words
 from exceptiondrive_server.rescoring.steps import RunLine, run_line
 from exceptiondrive_server.web.auth import ServicesOf
-from exceptiondrive_server.web.forms import made, texts_of
+from exceptiondrive_server.web.forms import made_document, texts_of
 from exceptiondrive_server.web.organizer_frame import (
     OrganizerBrowser,
     Step,
@@ -83,7 +83,7 @@ def site(services: ServicesOf) -> Step:
         return texts_of(SITE_FIELDS, site_links(session))
 
     def take(session: Session, actor: str, **values: str) -> None:
-        set_site_links(session, made(SiteLinks, SITE_FIELDS, values), actor=actor)
+        set_site_links(session, made_document(SiteLinks, SITE_FIELDS, values), actor=actor)
         services.site_state.forget()
 
     with services.database.read() as session:

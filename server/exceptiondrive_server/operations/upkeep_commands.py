@@ -53,11 +53,11 @@ def backup(
         try:
             head = write_backup(database, files, file, without_lost=without_lost)
         except RecordsError:
-            _note(database, BACKUP_FAILED)
+            _audit_backup(database, BACKUP_FAILED)
             raise
         say(f"{head.n_files} files and {head.audit_lines} audit lines in {file}; keep it private")
         _tell_lost(head)
-        _note(database, BACKUP_WRITTEN, as_of=head.created_at)
+        _audit_backup(database, BACKUP_WRITTEN, as_of=head.created_at)
         with database.read() as session:
             begin_snapshot(session)
             broken = violations(session)
@@ -70,7 +70,7 @@ def _tell_lost(head: BackupHead) -> None:
         say(f"without {digest}, which was lost when it was written")
 
 
-def _note(database: Database, action: str, **detail: str) -> None:
+def _audit_backup(database: Database, action: str, **detail: str) -> None:
     if database.takes_writes():  # a standby does not
         with database.write() as session:
             audit(session, ACTOR, action, BACKUP, detail)

@@ -39,7 +39,7 @@ from exceptiondrive_schemas.printable import counted
 from exceptiondrive_server.participation.queries import allowance_view
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.browser_session import PostedForm
-from exceptiondrive_server.web.forms import REASON, filled, read, text_of, typed
+from exceptiondrive_server.web.forms import REASON, filled_fields, posted_texts, read_form, text_of
 from exceptiondrive_server.web.numbers import minute
 from exceptiondrive_server.web.organizer_frame import (
     OrganizerBrowser,
@@ -91,11 +91,11 @@ def show_import(browser: OrganizerBrowser) -> Response:
 def post_import(browser: OrganizerBrowser, form: PostedForm) -> Response:
     """Make the teams of a table, and show their tokens this once."""
     try:
-        text = read(TABLE, form)["csv"]
+        text = read_form(TABLE, form)["csv"]
         with browser.services.database.write() as session:
             made = import_teams(session, text, actor=browser.principal.actor)
     except RecordsError as refusal:
-        return _import_page(browser, texts=typed(form), refusal=refusal)
+        return _import_page(browser, texts=posted_texts(form), refusal=refusal)
     return _import_page(browser, tokens=tokens_table(made), n_made=len(made))
 
 
@@ -112,7 +112,7 @@ def _import_page(
         "participation/organizer_import.html",
         "teams",
         refusal=refusal,
-        fields=filled(TABLE, texts or {}),
+        fields=filled_fields(TABLE, texts or {}),
         tokens=tokens,
         n_made=n_made,
     )
@@ -126,7 +126,7 @@ def change(services: ServicesOf, team_id: TeamId) -> Step:
     """Change name or affiliation."""
 
     def kept(session: Session) -> dict[str, str]:
-        return _names(find_team(session, team_id, lock=True))
+        return _kept_names(find_team(session, team_id, lock=True))
 
     with services.database.read() as session:
         team = find_team(session, team_id)
@@ -137,7 +137,7 @@ def change(services: ServicesOf, team_id: TeamId) -> Step:
         "an archived phase gets no new one for that.",
         button="Change",
         fields=NAMES,
-        texts=_names(team),
+        texts=_kept_names(team),
         kept=kept,
         command=f'exceptiondrive organizer teams change {team.slug} --name "…" --reason "…"',
         take=partial(change_team, slug=team_id),
@@ -150,7 +150,7 @@ def _by_name(session: Session) -> list[Team]:
     return sorted(list_teams(session), key=lambda team: team.name.casefold())
 
 
-def _names(team: Team) -> dict[str, str]:
+def _kept_names(team: Team) -> dict[str, str]:
     return {"name": team.name, "affiliation": team.affiliation}
 
 
@@ -174,7 +174,7 @@ def merge(services: ServicesOf, team_id: TeamId) -> Step:
         "revoked, and both quotas count together. An allowance of its own holds for what it sent; the other "
         f"team is not granted it. {AFTER_A_MERGE} This cannot be taken back.",
         button="Merge",
-        fields=(into, _again(team), REASON),
+        fields=(into, _retype_field(team), REASON),
         command=f'exceptiondrive organizer teams merge {team.slug} --into TEAM --reason "…"',
         is_grave=True,
         take=_once_typed(team, merge_teams),
@@ -195,7 +195,7 @@ def forget(services: ServicesOf, team_id: TeamId) -> Step:
         "records, its tokens end, and an alias stands on every board, old ones too; scores and the "
         "digests of boards stay. Name nobody in the reason. This cannot be taken back.",
         button="Forget",
-        fields=(_again(team), REASON),
+        fields=(_retype_field(team), REASON),
         command=f'exceptiondrive organizer teams forget {team.slug} --reason "…"',
         is_grave=True,
         take=_once_typed(team, forget_team),
@@ -204,7 +204,7 @@ def forget(services: ServicesOf, team_id: TeamId) -> Step:
     )
 
 
-def _again(team: Team) -> FormField:
+def _retype_field(team: Team) -> FormField:
     """What is typed before a deed that cannot be taken back."""
     return FormField("again", f"Type {team.slug}", is_required=True, max_length=64)
 
@@ -356,9 +356,9 @@ def post_message(browser: OrganizerBrowser, form: PostedForm) -> Response:
     with browser.services.database.read() as session:
         step = _message(session)
         try:
-            seen = _preview(session, step, read(step.fields, form))
+            seen = _preview(session, step, read_form(step.fields, form))
         except RecordsError as refusal:
-            return step_page(browser, step, texts=typed(form), refusal=refusal)
+            return step_page(browser, step, texts=posted_texts(form), refusal=refusal)
     if form.get("is_seen") != "yes":
         return step_page(browser, seen)
     return take_step(browser, seen, form)

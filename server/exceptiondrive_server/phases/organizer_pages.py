@@ -57,13 +57,13 @@ from exceptiondrive_server.web.forms import (
     REASON,
     Filled,
     by_label,
-    changed,
-    filled,
-    made,
-    read,
+    changed_values,
+    filled_fields,
+    made_document,
+    posted_texts,
+    read_form,
     text_of,
     texts_of,
-    typed,
 )
 from exceptiondrive_server.web.organizer_frame import (
     OrganizerBrowser,
@@ -92,7 +92,7 @@ class PhaseStep:
     """There is no page of the phase to go back to."""
 
 
-def _now(phase: PhaseView) -> PhaseNow:
+def _phase_now(phase: PhaseView) -> PhaseNow:
     assert phase.now is not None
     return phase.now
 
@@ -113,14 +113,14 @@ PHASE_STEPS: Mapping[str, PhaseStep] = {
             "The public board stays as it is from now on, until you reveal it. Scoring goes "
             "on behind it.",
             freeze_phase,
-            lambda phase: _now(phase).frozen_since is None,
+            lambda phase: _phase_now(phase).frozen_since is None,
         ),
         PhaseStep(
             "reveal-board",
             "Reveal the board",
             "The freeze ends for good: readers see the newest board at once.",
             reveal_board,
-            lambda phase: _now(phase).frozen_since is not None,
+            lambda phase: _phase_now(phase).frozen_since is not None,
             is_grave=True,
         ),
         PhaseStep(
@@ -129,7 +129,7 @@ PHASE_STEPS: Mapping[str, PhaseStep] = {
             "From the next board on teams and methods stand under their names. This cannot "
             "be taken back.",
             reveal_names,
-            lambda phase: _now(phase).is_anonymous,
+            lambda phase: _phase_now(phase).is_anonymous,
             is_grave=True,
         ),
         PhaseStep(
@@ -138,7 +138,7 @@ PHASE_STEPS: Mapping[str, PhaseStep] = {
             "Workers score the part of the split that the phase reveals; the board changes "
             f"when the run that this begins is applied. {LATE_FILES}",
             reveal_split,
-            lambda phase: _now(phase).part == "public",
+            lambda phase: _phase_now(phase).part == "public",
             is_grave=True,
         ),
         PhaseStep(
@@ -208,7 +208,7 @@ def show_new(
             field.name: "" if field.name in WITHHELD_DEFAULTS else text_of(field.default)
             for field in SETTINGS
         }
-        return _new(browser, usual)
+        return _new_phase_page(browser, usual)
     with browser.services.database.read() as session:
         phase = find_phase(session, like)
         texts = texts_of(SETTINGS, phase)
@@ -219,7 +219,7 @@ def show_new(
     anew = dict.fromkeys((f.name for f in SETTINGS if f.kind == "moment"), "") | {"position": ""}
     if phase.visibility == "archived":
         anew["visibility"] = "shown"
-    return _new(browser, {**texts, **made_of, **anew})
+    return _new_phase_page(browser, {**texts, **made_of, **anew})
 
 
 @router.post("/new")
@@ -228,21 +228,21 @@ def post_new(browser: OrganizerBrowser, form: PostedForm) -> Response:
     with browser.services.database.read() as session:
         fields = (*_made_of(session), *_of_new())
     try:
-        values = read(fields, form)
+        values = read_form(fields, form)
         told = {k: v for k, v in values.items() if v is not None or k not in WITHHELD_DEFAULTS}
-        new = made(NewPhase, fields, told)
+        new = made_document(NewPhase, fields, told)
         with browser.services.database.write() as session:
             phase = create_phase(session, new, actor=browser.principal.actor)
             is_over = phase.closes_at is not None and phase.closes_at <= phase.created_at
     except RecordsError as refusal:
-        return _new(browser, typed(form), refusal)
+        return _new_phase_page(browser, posted_texts(form), refusal)
     return go(f"{HERE}/{new.id}", "phase_created_over" if is_over else "phase_created")
 
 
 @router.get("/{phase_id}")
 def show_phase(browser: OrganizerBrowser, phase_id: PhaseId) -> Response:
     """Show a phase: where it stands, its settings, its history."""
-    return _phase(browser, phase_id)
+    return _phase_page(browser, phase_id)
 
 
 @router.post("/{phase_id}")
@@ -252,14 +252,14 @@ def post_phase(browser: OrganizerBrowser, form: PostedForm, phase_id: PhaseId) -
         with browser.services.database.write() as session:
             phase = lock_phase(session, phase_id)
             kept = texts_of(SETTINGS, phase)
-            values = changed(read(SETTINGS, form, kept), kept)
+            values = changed_values(read_form(SETTINGS, form, kept), kept)
             if not values:
                 return go(f"{HERE}/{phase_id}", "nothing_changed")
-            change = made(PhaseChange, SETTINGS, values)
+            change = made_document(PhaseChange, SETTINGS, values)
             require_order_right(browser.principal, change)
             change_phase(session, phase_id, change, actor=browser.principal.actor)
     except RecordsError as refusal:
-        return _phase(browser, phase_id, typed(form), refusal)
+        return _phase_page(browser, phase_id, posted_texts(form), refusal)
     return go(f"{HERE}/{phase_id}", "phase_changed")
 
 
@@ -335,11 +335,11 @@ def _of_new() -> tuple[FormField, ...]:
     )
 
 
-def _new(
+def _new_phase_page(
     browser: SignedIn, texts: Mapping[str, str], refusal: RecordsError | None = None
 ) -> Response:
     with browser.services.database.read() as session:
-        made_of = filled(_made_of(session), texts)
+        made_of = filled_fields(_made_of(session), texts)
     may_make = may_change(browser.principal, f"{HERE}/new")
     return _page(
         browser,
@@ -352,7 +352,7 @@ def _new(
     )
 
 
-def _phase(
+def _phase_page(
     browser: SignedIn,
     phase_id: str,
     texts: Mapping[str, str] | None = None,
@@ -405,7 +405,7 @@ def _page(
 ) -> Response:
     settings = _of_new() if values["phase"] is None else SETTINGS
     parts = [
-        (title, filled([field for field in settings if field.part == part], texts, kept))
+        (title, filled_fields([field for field in settings if field.part == part], texts, kept))
         for part, title in TITLES_OF_PARTS.items()
     ]
     return organizer_page(

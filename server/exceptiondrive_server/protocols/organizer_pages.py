@@ -63,7 +63,7 @@ def show_protocols(browser: OrganizerBrowser) -> Response:
         phases = list_phases(session, with_hidden=True)
         confirmations = list_confirmations(session)
         shown, users = shown_digests(session), protocol_users(session)
-        start = _starts(session)[:1]
+        start = _starting_versions(session)[:1]
     return organizer_page(
         browser,
         "protocols/organizer_protocols.html",
@@ -93,12 +93,12 @@ def confirmation() -> Step:
         ),
         command="exceptiondrive organizer protocols confirm new.toml --split NAME "
         "--revision REVISION",
-        take=_keep,
+        take=_add_confirmation,
         done="protocol_confirmed",
     )  # fmt: skip
 
 
-def _keep(session: Session, *, confirmation: str, actor: str) -> None:
+def _add_confirmation(session: Session, *, confirmation: str, actor: str) -> None:
     try:
         given = Confirmation.read(confirmation.encode())
     except ValidationError:
@@ -146,7 +146,7 @@ async def post_new(browser: OrganizerBrowser) -> Response:
         require_form_token(browser.form_token, str(form.get(FORM_TOKEN, "")))
         shall_add = form.get("do") == "add"
         try:
-            toml = _checked(await _text(form))
+            toml = _checked_text(await _posted_text(form))
         except InvalidRecord as fault:
             typed = str(form.get("toml", ""))
             return await run_in_threadpool(_form, browser, typed, fault)
@@ -182,7 +182,7 @@ def _step(**words: Any) -> Step:
     return Step(section="protocols", back=HERE, back_words="Protocols", **words)
 
 
-async def _text(form: FormData) -> str:
+async def _posted_text(form: FormData) -> str:
     file = form.get("file")
     if not isinstance(file, UploadFile) or not file.size:
         return str(form.get("toml", ""))
@@ -192,7 +192,7 @@ async def _text(form: FormData) -> str:
         raise InvalidRecord("The file is not UTF-8 text; nothing was read from it.") from None
 
 
-def _checked(toml: str) -> str:
+def _checked_text(toml: str) -> str:
     """Browsers end lines with CR LF; the document is kept as it was written."""
     toml = toml.replace("\r\n", "\n").removeprefix("\ufeff")
     if len(toml) > MAX_PROTOCOL_CHARACTERS:
@@ -233,7 +233,7 @@ def _verdict(session: Session, toml: str) -> dict[str, Any]:
     }
 
 
-def _starts(session: Session) -> list[str]:
+def _starting_versions(session: Session) -> list[str]:
     """Return the versions to start a new document from: first what phases stand under, then drafts."""
     in_force = {phase.protocol_digest for phase in list_phases(session, with_hidden=True)}
     newest_first = reversed(list_protocol_rows(session))
@@ -249,7 +249,7 @@ def _form(
 ) -> Response:
     """Show the form; each line of a refusal but its head is a problem."""
     with browser.services.database.read() as session:
-        starts = _starts(session)
+        starts = _starting_versions(session)
     lines = [] if refusal is None else str(refusal).splitlines()
     return organizer_page(
         browser,

@@ -19,7 +19,7 @@ from exceptiondrive_server.submissions.download import own_upload
 from exceptiondrive_server.submissions.facts_form import FACT_FIELDS, facts_of_form, texts_of_facts
 from exceptiondrive_server.web.auth import own_team
 from exceptiondrive_server.web.browser_session import Browser, PostedForm, SignedIn, require_scope
-from exceptiondrive_server.web.forms import filled, read, typed
+from exceptiondrive_server.web.forms import filled_fields, posted_texts, read_form
 from exceptiondrive_server.web.path_ids import SubmissionId
 from exceptiondrive_server.web.responses import my_page
 from exceptiondrive_server.web.templating import template_filter
@@ -50,14 +50,14 @@ def post_edit(browser: Browser, form: PostedForm, submission_id: SubmissionId) -
     """Change it, and go back to the page of the submission."""
     require_scope(browser, Scope.SUBMIT)
     try:
-        change = SubmissionChange(**read(WORDS, form), facts=facts_of_form(form))
+        change = SubmissionChange(**read_form(WORDS, form), facts=facts_of_form(form))
         edit = partial(edit_submission, change=change)
         who, replace = browser.principal, change.replace
         decide(browser.services, who, submission_id, edit, replace=replace, by_organizers=True)
     except NotFound:
         raise
     except RecordsError as refusal:
-        return _page(browser, submission_id, typed(form), refusal)
+        return _page(browser, submission_id, posted_texts(form), refusal)
     return RedirectResponse(f"/submissions/{submission_id}", status_code=303)
 
 
@@ -96,8 +96,8 @@ def _page(
         one=seen,
         phase_title=phase.title,
         texts=now,
-        facts=filled(FACT_FIELDS, now),
-        replace=filled([REPLACE], now) if isinstance(refusal, NotConfirmed) else (),
+        facts=filled_fields(FACT_FIELDS, now),
+        replace=filled_fields([REPLACE], now) if isinstance(refusal, NotConfirmed) else (),
         edits=edits,
         refusal=refusal,
     )

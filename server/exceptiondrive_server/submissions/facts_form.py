@@ -6,7 +6,7 @@ from starlette.datastructures import FormData
 
 from exceptiondrive_schemas.api.form_fields import fields_of
 from exceptiondrive_schemas.method_facts import MethodFacts
-from exceptiondrive_server.web.forms import made, read, texts_of
+from exceptiondrive_server.web.forms import made_document, read_form, texts_of
 
 PREFIX = "fact_"
 _OWN = tuple(replace(field, empty="not told") for field in fields_of(MethodFacts))
@@ -19,8 +19,10 @@ def facts_of_form(form: FormData) -> MethodFacts:
     Raises:
         InvalidRecord: A value cannot be used; every field that is wrong is named.
     """
-    values = read(FACT_FIELDS, form)
-    return made(MethodFacts, _OWN, {field.name: values[PREFIX + field.name] for field in _OWN})
+    values = read_form(FACT_FIELDS, form)
+    return made_document(
+        MethodFacts, _OWN, {field.name: values[PREFIX + field.name] for field in _OWN}
+    )
 
 
 def texts_of_facts(facts: MethodFacts) -> dict[str, str]:

@@ -62,7 +62,7 @@ from exceptiondrive_server.web.browser_session import (
     require_same_origin,
     require_scope,
 )
-from exceptiondrive_server.web.forms import NOTHING_KEPT, filled, typed
+from exceptiondrive_server.web.forms import NOTHING_KEPT, filled_fields, posted_texts
 from exceptiondrive_server.web.path_ids import SubmissionId
 from exceptiondrive_server.web.problem_vocabulary import PROBLEMS, ApiProblem
 from exceptiondrive_server.web.problems import problem_of, wants_page
@@ -108,7 +108,7 @@ async def submit(browser: Browser) -> Response:
         if not wants_page(browser.request):
             raise
         problem = problem_of(error)
-        form = typed(await browser.request.form())
+        form = posted_texts(await browser.request.form())
         return await run_in_threadpool(
             _submit_page, browser.request, browser, form.get("phase"), form, problem
         )
@@ -132,10 +132,10 @@ def _submit_page(
         phases = _phases(session, services, None if browser is None else browser.principal)
         if phases:
             links = tuple(map(_as_to_team, links, phases))
-        standing = () if browser is None else _standing(session, browser.principal)
+        standing = () if browser is None else _standing_runs(session, browser.principal)
         if browser is not None and sent is not None:
             find_submission(session, sent, team_id=own_team(browser.principal))
-    phase = _chosen(links, wanted)
+    phase = _chosen_phase(links, wanted)
     challenge = phase.challenge if phase else next(iter(CHALLENGES.values()))
     code = challenge.words.code
     team = None if browser is None else browser.principal.team_name
@@ -154,7 +154,7 @@ def _submit_page(
             "sees_own": Scope.READ_OWN in browser.principal.scopes,
             "form_token": browser.form_token,
             "typed": texts,
-            "facts": filled(FACT_FIELDS, texts),
+            "facts": filled_fields(FACT_FIELDS, texts),
             "refusal": refusal,
             "title": "" if refusal is None else PROBLEMS[refusal.code].title,
         }
@@ -172,9 +172,11 @@ def _submit_page(
         protocol=protocol,
         formats={key: CHALLENGES[key] for key in CHALLENGES if key in DOCUMENT_NAMES},
         example_text=example_text,
-        blocks=quick_start(origin_of(request), phase, _development(links, phase), code, wheel),
+        blocks=quick_start(
+            origin_of(request), phase, _development_phase(links, phase), code, wheel
+        ),
         has_client=wheel is not None,
-        development=_development(links, phase),
+        development=_development_phase(links, phase),
         upload=upload,
         who=None if browser is None else browser.principal,
         CHALLENGES=CHALLENGES,
@@ -197,7 +199,7 @@ def _only_submits(who: Principal) -> bool:
     return Scope.SUBMIT in who.scopes and Scope.READ_OWN not in who.scopes
 
 
-def _standing(session: Session, who: Principal) -> tuple[SubmissionView, ...]:
+def _standing_runs(session: Session, who: Principal) -> tuple[SubmissionView, ...]:
     """Return the team's scored runs that no other one replaces, as far as it may see them."""
     if who.team_id is None or Scope.READ_OWN not in who.scopes:
         return ()
@@ -207,13 +209,13 @@ def _standing(session: Session, who: Principal) -> tuple[SubmissionView, ...]:
     return tuple(each for each in views(session, scored) if each.replaced_by is None)
 
 
-def _chosen(phases: tuple[PhaseLink, ...], wanted: str | None) -> PhaseLink | None:
+def _chosen_phase(phases: tuple[PhaseLink, ...], wanted: str | None) -> PhaseLink | None:
     """Return the phase named, if it takes files or will, else the first open one."""
     named = [p for p in phases if p.id == wanted and (p.takes_files or p.is_ahead)]
     return next(iter([*named, *(phase for phase in phases if phase.is_open)]), None)
 
 
-def _development(phases: tuple[PhaseLink, ...], chosen: PhaseLink | None) -> PhaseLink | None:
+def _development_phase(phases: tuple[PhaseLink, ...], chosen: PhaseLink | None) -> PhaseLink | None:
     """The chosen phase if its split is public, else another one of its challenge that has such a split."""
     if chosen is None:
         return None

@@ -130,7 +130,7 @@ def story_folder(services: Services, principal: Principal, submission_id: str) -
     Raises:
         NotFound: There is no such submission.
     """
-    story, receipt, sheet = _told(services, submission_id)
+    story, receipt, sheet = _story_and_receipt(services, submission_id)
     with services.database.write() as session:
         audit(session, principal.actor, "story downloaded", submission_id)
     data, missing = read_upload(services, story.submission)
@@ -148,7 +148,7 @@ def story_page(services: Services, submission_id: str) -> str:
     Raises:
         NotFound: There is no such submission.
     """
-    return _page(*_told(services, submission_id))
+    return _page(*_story_and_receipt(services, submission_id))
 
 
 def _page(
@@ -172,7 +172,7 @@ def _page(
     )
 
 
-def _told(
+def _story_and_receipt(
     services: Services, submission_id: str
 ) -> tuple[SubmissionStory, Receipt | None, ScoreTables]:
     statement = None

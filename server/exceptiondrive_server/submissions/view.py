@@ -70,12 +70,12 @@ def status_of(submission: SubmissionView) -> Status:
 def place_words(queue: QueuePlace) -> str:
     """Say how many stand ahead and how long that may take; of a file in work, what if its worker is lost."""
     if queue.workers_alive == 0:
-        return f"{_ahead(queue.position)}; no worker can score it right now, it starts when one can"
+        return f"{_ahead_words(queue.position)}; no worker can score it right now, it starts when one can"
     if queue.lease_until is not None:
         return f"if its worker is lost, another begins again at {queue.lease_until:%H:%M:%S} UTC"
     if queue.expected_wait_s is None:
-        return _ahead(queue.position)
-    return f"{_ahead(queue.position)}, {_wait(queue.expected_wait_s)}"
+        return _ahead_words(queue.position)
+    return f"{_ahead_words(queue.position)}, {_wait_words(queue.expected_wait_s)}"
 
 
 def steps_of(submission: SubmissionView) -> tuple[StatusStep, ...]:
@@ -92,11 +92,11 @@ def steps_of(submission: SubmissionView) -> tuple[StatusStep, ...]:
     return StatusStep(SubmissionStatus.RECEIVED.value, "done"), StatusStep(word, state)
 
 
-def _ahead(position: int) -> str:
+def _ahead_words(position: int) -> str:
     return "next in line" if position == 0 else f"{counted(position, 'submission')} ahead"
 
 
-def _wait(seconds: float) -> str:
+def _wait_words(seconds: float) -> str:
     if seconds < 1:
         return "no wait expected"
     if seconds < 90:

@@ -32,7 +32,7 @@ from exceptiondrive_server.audit.queries import history
 from exceptiondrive_server.participation.queries import participation_of, standings_of_teams
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.browser_session import PostedForm, SignedIn
-from exceptiondrive_server.web.forms import REASON, filled, read, typed
+from exceptiondrive_server.web.forms import REASON, filled_fields, posted_texts, read_form
 from exceptiondrive_server.web.organizer_frame import (
     OrganizerBrowser,
     Step,
@@ -78,12 +78,12 @@ def show_teams(
 def post_team(browser: OrganizerBrowser, form: PostedForm) -> Response:
     """Make a team."""
     try:
-        values = read(NEW_TEAM, form)
+        values = read_form(NEW_TEAM, form)
         with browser.services.database.write() as session:
             slug = values.pop("id")
             make_team(session, slug, **values, actor=browser.principal.actor)
     except RecordsError as refusal:
-        return _list(browser, texts=typed(form), refusal=refusal)
+        return _list(browser, texts=posted_texts(form), refusal=refusal)
     return go(f"/organize/teams/{slug}", "team_created")
 
 
@@ -97,7 +97,7 @@ def show_team(browser: OrganizerBrowser, team_id: TeamId) -> Response:
 def post_token(browser: OrganizerBrowser, form: PostedForm, team_id: TeamId) -> Response:
     """Issue a token for a team, and show its text this once."""
     try:
-        values = read(NEW_TOKEN, form)
+        values = read_form(NEW_TOKEN, form)
         with browser.services.database.write() as session:
             text, _ = issue_token(
                 session,
@@ -108,7 +108,7 @@ def post_token(browser: OrganizerBrowser, form: PostedForm, team_id: TeamId) -> 
                 actor=browser.principal.actor,
             )
     except RecordsError as refusal:
-        return _team(browser, team_id, texts=typed(form), refusal=refusal)
+        return _team(browser, team_id, texts=posted_texts(form), refusal=refusal)
     return _team(browser, team_id, issued=text)
 
 
@@ -143,7 +143,7 @@ def _list(
         only_pending=only_pending,
         find=find,
         n_all=len(by_id),
-        fields=filled(NEW_TEAM, texts or {}),
+        fields=filled_fields(NEW_TEAM, texts or {}),
     )
 
 
@@ -183,7 +183,7 @@ def _team(
         seen=seen,
         phases=phases,
         titles={phase.id: phase.title for phase in phases},
-        fields=filled(NEW_TOKEN, USUAL if texts is None else texts),
+        fields=filled_fields(NEW_TOKEN, USUAL if texts is None else texts),
     )
 
 

@@ -42,7 +42,7 @@ from exceptiondrive_server.web.browser_session import (
     keep_session,
     require_scope,
 )
-from exceptiondrive_server.web.forms import NOTHING_KEPT, filled, read, typed
+from exceptiondrive_server.web.forms import NOTHING_KEPT, filled_fields, posted_texts, read_form
 from exceptiondrive_server.web.problem_vocabulary import ApiProblem
 from exceptiondrive_server.web.responses import my_page, origin_of, private_page
 from exceptiondrive_server.web.services import Services
@@ -130,7 +130,7 @@ def register(browser: Browser, form: PostedForm) -> Response:
     with browser.services.database.write() as session:
         count_attempt(session, registration_keys_of(address))
     try:
-        values = read(REGISTRATION, form)
+        values = read_form(REGISTRATION, form)
         with browser.services.database.write() as session:
             team = make_pending_team(
                 session, values.pop("id"), **values, actor=actor, address=address
@@ -138,7 +138,7 @@ def register(browser: Browser, form: PostedForm) -> Response:
             add_member(session, team, person_id, actor=actor)
             act_for(session, browser.secret, person_id, team.id)
     except RecordsError as refusal:
-        return _page(browser, refusal=refusal, texts=typed(form))
+        return _page(browser, refusal=refusal, texts=posted_texts(form))
     return _as_member(browser)
 
 
@@ -215,7 +215,7 @@ def _page(
             provider=None if browser.services.provider is None else browser.services.provider.name,
             link=link,
             refusal=refusal,
-            fields=filled(REGISTRATION, texts),
+            fields=filled_fields(REGISTRATION, texts),
         )
 
 

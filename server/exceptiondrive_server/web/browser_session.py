@@ -248,7 +248,7 @@ def _own_origins(request: Request) -> set[str]:
 def lead_browsers(app: FastAPI) -> None:
     """Lead a browser that is not signed in to the sign-in page, and from there back; others elsewhere."""
     app.add_exception_handler(SignInNeeded, _to_sign_in)
-    app.add_exception_handler(Elsewhere, _elsewhere)
+    app.add_exception_handler(Elsewhere, _redirect_elsewhere)
 
 
 async def _to_sign_in(request: Request, error: Exception) -> Response:
@@ -276,6 +276,6 @@ def _page_of(request: Request) -> str:
     return "/my"
 
 
-async def _elsewhere(request: Request, error: Exception) -> Response:
+async def _redirect_elsewhere(request: Request, error: Exception) -> Response:
     assert isinstance(error, Elsewhere)
     return RedirectResponse(error.address, status_code=error.status)

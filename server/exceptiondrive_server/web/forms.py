@@ -57,7 +57,7 @@ REASON = FormField(
 )
 
 
-def filled(
+def filled_fields(
     fields: Sequence[FormField], texts: Mapping[str, str], kept: Mapping[str, str] = NOTHING_KEPT
 ) -> tuple[Filled, ...]:
     """Return the fields with these texts; a missing one is empty.
@@ -73,12 +73,12 @@ def _filled(field: FormField, texts: Mapping[str, str], kept: Mapping[str, str])
     if field.name not in kept:
         return Filled(field, text)
     now = kept[field.name]
-    if texts.get(_WAS + field.name) == _mark(_as_shown(field, text)):
+    if texts.get(_WAS + field.name) == _text_digest(_as_shown(field, text)):
         text = now
-    return Filled(field, text, was=_mark(now))
+    return Filled(field, text, was=_text_digest(now))
 
 
-def typed(form: FormData) -> dict[str, str]:
+def posted_texts(form: FormData) -> dict[str, str]:
     """Return what was typed, to be shown again; several ticks of one name stand in one text."""
     return {
         name: " ".join(value for value in form.getlist(name) if isinstance(value, str))
@@ -86,7 +86,7 @@ def typed(form: FormData) -> dict[str, str]:
     }
 
 
-def read(
+def read_form(
     fields: Sequence[FormField], form: FormData, kept: Mapping[str, str] = NOTHING_KEPT
 ) -> dict[str, Any]:
     """Return the values of the fields; an empty one that may be empty is None.
@@ -107,7 +107,7 @@ def read(
             was = form.get(_WAS + field.name)
             if was is None or field.name not in kept:
                 continue
-            mine, now = _mark(text_of(value)), _mark(kept[field.name])
+            mine, now = _text_digest(text_of(value)), _text_digest(kept[field.name])
             if mine == was:
                 values[field.name] = _value(field, kept[field.name].strip())
             elif now not in (was, mine):
@@ -124,16 +124,18 @@ def read(
     return values
 
 
-def changed(values: Mapping[str, Any], kept: Mapping[str, str]) -> dict[str, Any]:
+def changed_values(values: Mapping[str, Any], kept: Mapping[str, str]) -> dict[str, Any]:
     """Return the values that differ from what is kept; seconds are the finest that a form knows."""
     return {
         name: values[name]
         for name, text in kept.items()
-        if _mark(text_of(values[name])) != _mark(text)
+        if _text_digest(text_of(values[name])) != _text_digest(text)
     }
 
 
-def made(model: type[Model], fields: Sequence[FormField], values: Mapping[str, Any]) -> Model:
+def made_document(
+    model: type[Model], fields: Sequence[FormField], values: Mapping[str, Any]
+) -> Model:
     """Return a document made of the values of some of its fields.
 
     Raises:
@@ -186,7 +188,7 @@ def _in_short(field: FormField, kept: Mapping[str, str]) -> str:
     return text if len(text) <= _SHORT else f"{text[:_SHORT]}…"
 
 
-def _mark(text: str) -> str:
+def _text_digest(text: str) -> str:
     """Return what stands for a text, however a browser ends its lines."""
     plain = text.replace("\r\n", "\n").strip()
     return hashlib.sha256(plain.encode()).hexdigest()[:16]
@@ -196,7 +198,7 @@ def _value(field: FormField, text: str) -> Any:
     if field.kind == "yes":
         return text == "yes"
     if field.kind == "several":
-        return tuple(_choice(field, one) for one in text.split())
+        return tuple(_parse_choice(field, one) for one in text.split())
     if not text:
         if field.is_required:
             raise ValueError("must not be empty")
@@ -207,7 +209,7 @@ def _value(field: FormField, text: str) -> Any:
     return _READERS[field.kind](field, text)
 
 
-def _whole(field: FormField, text: str) -> int:
+def _whole_number(field: FormField, text: str) -> int:
     is_plain = text.isascii() and text.isdigit() and len(text) <= MAX_DIGITS
     if not (is_plain and field.lowest <= int(text) <= field.highest):
         raise ValueError(f"must be a whole number from {field.lowest} to {field.highest:,}")
@@ -224,14 +226,14 @@ def _number(field: FormField, text: str) -> float:
     return number
 
 
-def _moment(field: FormField, text: str) -> datetime:
+def _parse_moment(field: FormField, text: str) -> datetime:
     try:
         return in_utc(datetime.fromisoformat(text))
     except ValueError:
         raise ValueError("must be a time in UTC such as 2026-11-21T12:00") from None
 
 
-def _choice(field: FormField, text: str) -> str:
+def _parse_choice(field: FormField, text: str) -> str:
     if text not in [value for value, _ in field.options]:
         raise ValueError("must be one of those offered")
     return text
@@ -240,10 +242,10 @@ def _choice(field: FormField, text: str) -> str:
 _READERS: Mapping[Kind, Callable[[FormField, str], Any]] = {
     "text": lambda field, text: text,
     "lines": lambda field, text: text,
-    "whole": _whole,
+    "whole": _whole_number,
     "number": _number,
-    "moment": _moment,
-    "choice": _choice,
+    "moment": _parse_moment,
+    "choice": _parse_choice,
 }
 
 

@@ -48,9 +48,9 @@ class KeptPages:
             key: What of a request the page depends on, its address among it.
             make: Reads the records and fills the page.
         """
-        return self._young(key) or self._made_alone(key, make)
+        return self._fresh_page(key) or self._made_alone(key, make)
 
-    def _young(self, key: Hashable) -> KeptPage | None:
+    def _fresh_page(self, key: Hashable) -> KeptPage | None:
         kept, now_s = self._pages.get(key), time.monotonic()
         return kept if kept is not None and now_s < kept.made_at_s + MAX_AGE_S else None
 
@@ -59,7 +59,7 @@ class KeptPages:
         with self._lock:
             one_at_a_time = self._makings.setdefault(key, threading.Lock())
         with one_at_a_time:
-            kept = self._young(key)
+            kept = self._fresh_page(key)
             if kept is not None:
                 return kept
             html = make().encode()

@@ -58,7 +58,7 @@ def _of_this_site_or_https(tag: str, attribute: str, value: str) -> str | None:
 @lru_cache(maxsize=256)
 def first_paragraph(text: str) -> Markup:
     """Return the first paragraph of a text in Markdown, for a place that has no room for all of it."""
-    return markdown(_first(_MARKDOWN.parse(text)))
+    return markdown(_first_paragraph(_MARKDOWN.parse(text)))
 
 
 def plain_text(text: str) -> str:
@@ -95,7 +95,7 @@ def _plain(tokens: list[Token]) -> str:
     return words
 
 
-def _first(tokens: list[Token]) -> str:
+def _first_paragraph(tokens: list[Token]) -> str:
     for opening, words in pairwise(tokens):
         if opening.type == "paragraph_open" and opening.level == 0:
             return words.content

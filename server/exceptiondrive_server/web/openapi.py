@@ -107,7 +107,7 @@ def _part_bodies_from_answers(document: dict[str, Any]) -> None:
     schemas = document["components"]["schemas"]
     operations = [each for methods in document["paths"].values() for each in methods.items()]
     answers = [each["responses"] for _, each in operations]
-    told = _named(schemas, [answers, document["webhooks"]])
+    told = _schema_names(schemas, [answers, document["webhooks"]])
     for method, operation in operations:
         if "requestBody" in operation:
             _describe_body(operation, schemas, told, is_change=method == "patch")
@@ -118,19 +118,19 @@ def _part_bodies_from_answers(document: dict[str, Any]) -> None:
 def _describe_body(
     operation: dict[str, Any], schemas: dict[str, Any], told: set[str], *, is_change: bool
 ) -> None:
-    sent = _named(schemas, operation["requestBody"])
+    sent = _schema_names(schemas, operation["requestBody"])
     shared = [name for name in sent & told if "properties" in schemas[name]]
     names = {name: f"{name}Change" if is_change else f"New{name}" for name in shared}
-    operation["requestBody"] = _renamed(operation["requestBody"], names)
+    operation["requestBody"] = _with_renamed_schemas(operation["requestBody"], names)
     for name in sorted(sent):
         own = names.get(name, name)
-        schemas[own] = {**_renamed(schemas[name], names), "title": own}
+        schemas[own] = {**_with_renamed_schemas(schemas[name], names), "title": own}
         if is_change:
             for field in schemas[own].get("properties", {}).values():
                 field.pop("default", None)
 
 
-def _named(schemas: dict[str, Any], node: Any) -> set[str]:
+def _schema_names(schemas: dict[str, Any], node: Any) -> set[str]:
     """Return the names of the schemas that a part of the document is made of."""
     names: set[str] = set()
     new = set(_REFERENCE.findall(json.dumps(node)))
@@ -140,7 +140,7 @@ def _named(schemas: dict[str, Any], node: Any) -> set[str]:
     return names
 
 
-def _renamed(node: dict[str, Any], names: Mapping[str, str]) -> dict[str, Any]:
+def _with_renamed_schemas(node: dict[str, Any], names: Mapping[str, str]) -> dict[str, Any]:
     """Return a copy that refers to other schemas where they have another name."""
     text = _REFERENCE.sub(
         lambda found: f'"{_SCHEMA}{names.get(found[1], found[1])}"', json.dumps(node)

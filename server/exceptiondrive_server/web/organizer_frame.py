@@ -14,7 +14,7 @@ from exceptiondrive_records.accounts.tokens import Principal
 from exceptiondrive_records.db.errors import RecordsError
 from exceptiondrive_schemas.api.form_fields import FormField
 from exceptiondrive_server.web.browser_session import Browser, Elsewhere, PostedForm, SignedIn
-from exceptiondrive_server.web.forms import changed, filled, read, typed
+from exceptiondrive_server.web.forms import changed_values, filled_fields, posted_texts, read_form
 from exceptiondrive_server.web.organizer_rights import may_change, require_right, what_lacks
 from exceptiondrive_server.web.responses import private_page
 
@@ -78,7 +78,7 @@ SECTIONS = (
 )
 
 
-def organizing(browser: Browser) -> SignedIn:
+def signed_in_organizer(browser: Browser) -> SignedIn:
     """Return the organizer who signed in, if this page is for the role that they have.
 
     Raises:
@@ -92,7 +92,7 @@ def organizing(browser: Browser) -> SignedIn:
     return browser
 
 
-OrganizerBrowser = Annotated[SignedIn, Depends(organizing)]
+OrganizerBrowser = Annotated[SignedIn, Depends(signed_in_organizer)]
 
 
 def organizer_page(
@@ -207,7 +207,7 @@ def step_page(
         step.section,
         refusal=refusal,
         step=step,
-        fields=filled(
+        fields=filled_fields(
             step.fields, step.texts if texts is None else texts, step.texts if step.kept else {}
         ),
     )
@@ -219,11 +219,11 @@ def take_step(browser: SignedIn, step: Step, form: FormData) -> Response:
         with browser.services.database.write() as session:
             kept = {} if step.kept is None else step.kept(session)
             step = replace(step, texts=kept or step.texts)
-            values = read(step.fields, form, kept)
-            if kept and not changed(values, kept):
+            values = read_form(step.fields, form, kept)
+            if kept and not changed_values(values, kept):
                 return go(step.back, "nothing_changed")
             came = step.take(session, **values, actor=browser.principal.actor)
             address = step.back if step.onward is None else step.onward(came)
     except RecordsError as refusal:
-        return step_page(browser, step, texts=typed(form), refusal=refusal)
+        return step_page(browser, step, texts=posted_texts(form), refusal=refusal)
     return go(address, step.done)

@@ -124,9 +124,9 @@ def install_problem_handlers(app: FastAPI) -> None:
     app.add_exception_handler(RequestValidationError, _refusal)
     app.add_exception_handler(HTTPException, _http_exception)
     app.add_exception_handler(SQLAlchemyError, _database_error)
-    app.add_exception_handler(DataError, _unstorable)
-    app.add_exception_handler(UnicodeEncodeError, _unstorable)
-    app.add_exception_handler(Exception, _unexpected)
+    app.add_exception_handler(DataError, _answer_unstorable)
+    app.add_exception_handler(UnicodeEncodeError, _answer_unstorable)
+    app.add_exception_handler(Exception, _answer_unexpected)
 
 
 async def _api_problem(request: Request, error: Exception) -> Response:
@@ -241,7 +241,7 @@ def _methods_at(request: Request) -> list[str]:
     return sorted(methods | ({"HEAD"} if has_head else set()))
 
 
-async def _unstorable(request: Request, error: Exception) -> Response:
+async def _answer_unstorable(request: Request, error: Exception) -> Response:
     """A value that no column can hold, such as a NUL in a text or half of a surrogate pair."""
     detail = "The request holds a character or number that cannot be used."
     return problem_response(request, ApiProblem(ProblemCode.BAD_REQUEST, detail))
@@ -260,7 +260,7 @@ async def _database_error(request: Request, error: Exception) -> Response:
     return problem_response(request, problem)
 
 
-async def _unexpected(request: Request, error: Exception) -> Response:
+async def _answer_unexpected(request: Request, error: Exception) -> Response:
     """Answer last of all, outside the middleware: so the headers are put here."""
     request_id = getattr(request.state, "request_id", "unknown")
     told = {"kind": type(error).__name__, "places": places(error)}

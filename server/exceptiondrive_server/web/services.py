@@ -8,7 +8,7 @@ from fastapi import Request
 from sqlalchemy.exc import SQLAlchemyError
 
 from exceptiondrive_records.db.database import Database
-from exceptiondrive_records.operations.site import preparing, site_links
+from exceptiondrive_records.operations.site import in_preparation, site_links
 from exceptiondrive_records.operations.status import scoring_delay
 from exceptiondrive_records.submissions.file_store import FileStore
 from exceptiondrive_records.work.dispatch import Dispatcher
@@ -41,7 +41,7 @@ class SiteState:
             try:
                 with self._database.read() as session:
                     delay = scoring_delay(session)
-                    self._said = site_links(session), delay, preparing(session)
+                    self._said = site_links(session), delay, in_preparation(session)
             except SQLAlchemyError:  # pages that need no records are shown all the same
                 pass
             self._read_at_s = time.monotonic()

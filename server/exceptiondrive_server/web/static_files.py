@@ -27,11 +27,11 @@ STYLES = (
 @cache
 def asset(name: str) -> str:
     """Return the address of a static file; it changes whenever the content does."""
-    content = _made(name) or (STATIC / name).read_bytes()
+    content = _generated_file(name) or (STATIC / name).read_bytes()
     return f"/static/{name}?v={hashlib.sha256(content).hexdigest()[:10]}"
 
 
-def _made(name: str) -> bytes | None:
+def _generated_file(name: str) -> bytes | None:
     """What is served in place of a file; None of one that is served as it is."""
     if name == STYLE:
         return style_sheet().encode()
@@ -58,7 +58,7 @@ def style_sheet() -> str:
 class _NamedByContent(StaticFiles):
     async def get_response(self, path: str, scope: Scope) -> Response:
         """Answer with a file, and say how long it may be kept."""
-        made = _made(path)
+        made = _generated_file(path)
         if made is not None:
             kind = "text/css" if path == STYLE else "text/javascript"
             answer = Response(made, media_type=kind)

@@ -99,8 +99,8 @@ def test_the_table_has_the_bytes_that_pandas_writes(
     told = {nasty[0].submission_id or "": EntryFacts(facts=MethodFacts(type="vla"))}
     lines = [
         {
-            **exports._line(board, entry, address),
-            **exports._told(told.get(entry.submission_id or "", EntryFacts())),
+            **exports._csv_line(board, entry, address),
+            **exports._fact_cells(told.get(entry.submission_id or "", EntryFacts())),
         }
         for block in exports.in_blocks(board)
         for entry in block

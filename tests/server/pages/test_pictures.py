@@ -11,7 +11,7 @@ from exceptiondrive_server.boards.pictures import (
     fitted,
     in_two_lines,
     is_latin,
-    painted,
+    paint_png,
     width_of,
 )
 
@@ -61,7 +61,7 @@ def test_words_are_painted_by_our_own_fonts() -> None:
     def picture(family: str, weight: int, words: str) -> bytes:
         text = f'<text y="40" font-family="{family}" font-weight="{weight}">{words}</text>'
         svg = f'<svg xmlns="http://www.w3.org/2000/svg" width="200" height="60">{text}</svg>'
-        return painted(svg)
+        return paint_png(svg)
 
     assert len(FONTS) == 3
     blank = picture("Inter", 400, "")

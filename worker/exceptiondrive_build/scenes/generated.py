@@ -98,7 +98,7 @@ class _View:
             [[focal, 0, (width - 1) / 2], [0, focal, (self.height - 1) / 2], [0, 0, 1]]
         )
         self.translation = np.array([x, y, z])
-        self.rotation = _looking(np.radians(yaw_degrees), PITCH_RAD)
+        self.rotation = _camera_quaternion(np.radians(yaw_degrees), PITCH_RAD)
         ego_from_camera = rigid(self.rotation, self.translation)
         v, u = np.mgrid[0 : self.height, 0 : self.width]
         pixels = np.stack([u.ravel(), v.ravel(), np.ones(u.size)])
@@ -136,7 +136,7 @@ def ground_colours(drive: Drive, at_m: FloatArray) -> FloatArray:
     colours[aside_m > SHOULDER_M] = GRASS
     is_edge = np.abs(aside_m + 0.25) < 0.09
     is_middle = (np.abs(left_m - LANE_M / 2) < 0.08) & (along_m % 9 < 3.5)
-    colours += _grain(at_m)[:, None]
+    colours += _ground_grain(at_m)[:, None]
     colours[is_edge | is_middle] = PAINT
     place = np.clip(np.round((along_m - FIRST_MARK_M) / MARK_STEP_M).astype(int), 0, None)
     marks_m = drive.marks_m()
@@ -145,7 +145,7 @@ def ground_colours(drive: Drive, at_m: FloatArray) -> FloatArray:
     return np.clip(colours, 0, 255)
 
 
-def _grain(at_m: FloatArray) -> FloatArray:
+def _ground_grain(at_m: FloatArray) -> FloatArray:
     """Fixed unevenness of the ground, a quarter of a metre in size."""
     x, y = np.floor(at_m.T * 4).astype(np.int64)
     mixed = (x * 73_856_093) ^ (y * 19_349_663)
@@ -154,15 +154,15 @@ def _grain(at_m: FloatArray) -> FloatArray:
     return grain
 
 
-def _looking(yaw_rad: float, pitch_rad: float) -> FloatArray:
+def _camera_quaternion(yaw_rad: float, pitch_rad: float) -> FloatArray:
     """Quaternion of a camera (x right, y down, z ahead) turned left by yaw and down by pitch."""
     level = np.array([0.5, -0.5, 0.5, -0.5])
     down = np.array([np.cos(pitch_rad / 2), -np.sin(pitch_rad / 2), 0.0, 0.0])
     left = np.array([np.cos(yaw_rad / 2), 0.0, 0.0, np.sin(yaw_rad / 2)])
-    return _times(_times(left, level), down)
+    return _quaternion_product(_quaternion_product(left, level), down)
 
 
-def _times(p: FloatArray, q: FloatArray) -> FloatArray:
+def _quaternion_product(p: FloatArray, q: FloatArray) -> FloatArray:
     """Product of two quaternions (w, x, y, z)."""
     scalar = p[0] * q[0] - p[1:] @ q[1:]
     return np.append(scalar, p[0] * q[1:] + q[0] * p[1:] + np.cross(p[1:], q[1:]))

@@ -218,12 +218,12 @@ class _Reader:
                 description=scene["description"],
                 location=self.row("log", scene["log_token"])["location"],
                 timestamp_us=int(sample["timestamp"]),
-                ego_translation_m=_floats(pose["translation"]),
-                ego_rotation=_floats(pose["rotation"]),
+                ego_translation_m=_float_tuple(pose["translation"]),
+                ego_rotation=_float_tuple(pose["rotation"]),
                 cameras=tuple(
                     self.camera(channel, readings[channel], map_from_ego) for channel in CAMERAS
                 ),
-                recorded=_rows(path_m),
+                recorded=_float_rows(path_m),
             )
         except ValidationError as error:
             faults = "; ".join(faults_in(error))
@@ -254,8 +254,8 @@ class _Reader:
                 image=reading["filename"],
                 width_px=int(size_px[0]),
                 height_px=int(size_px[1]),
-                intrinsic=_rows(intrinsic),
-                camera_from_ego=_rows(camera_from_ego[:3]),
+                intrinsic=_float_rows(intrinsic),
+                camera_from_ego=_float_rows(camera_from_ego[:3]),
             )
         except ValidationError as error:
             raise BuildError(f"{where}: {channel}: {'; '.join(faults_in(error))}") from None
@@ -299,9 +299,9 @@ def _numbers(value: Any, shape: tuple[int, ...]) -> FloatArray | None:
     return found if found.shape == shape and np.all(np.abs(found) <= FARTHEST) else None
 
 
-def _floats(values: Any) -> Any:
+def _float_tuple(values: Any) -> Any:
     return tuple(float(value) for value in values)
 
 
-def _rows(matrix: Any) -> Any:
-    return tuple(_floats(row) for row in matrix)
+def _float_rows(matrix: Any) -> Any:
+    return tuple(_float_tuple(row) for row in matrix)

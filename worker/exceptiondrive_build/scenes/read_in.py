@@ -40,18 +40,18 @@ def read_in(
     scenes = given.spread(per_scene)
     if not scenes.keyframes:
         raise BuildError(f"{source}: no keyframe has a recorded path of 3 s.")
-    kept = tuple(_kept(workshop, scenes, keyframe) for keyframe in scenes.keyframes)
+    kept = tuple(_keep_keyframe(workshop, scenes, keyframe) for keyframe in scenes.keyframes)
     fault = drives_fault([it.recorded for it in kept if it.recorded], workshop.protocol)
     if fault is not None:
         raise BuildError(f"{source}: {fault}", "Mend the recorded paths; nothing is read in.")
-    n_gone = 0 if replace else _gone(workshop.folder, kept)
+    n_gone = 0 if replace else _count_gone(workshop.folder, kept)
     part = workshop.folder / f"{SCENES}.part"
     write_scenes(SceneSet(workshop.folder, kept), part)
     part.replace(workshop.folder / SCENES)
     return kept, len(given.keyframes) - len(kept), n_gone
 
 
-def _gone(folder: Path, kept: Sequence[Keyframe]) -> int:
+def _count_gone(folder: Path, kept: Sequence[Keyframe]) -> int:
     """How many keyframes of a workshop go.
 
     Raises:
@@ -85,7 +85,7 @@ def _pictures(keyframe: Keyframe) -> tuple[str, ...]:
     return picture_digests(camera.image for camera in keyframe.cameras)
 
 
-def _kept(workshop: Workshop, scenes: SceneSet, keyframe: Keyframe) -> Keyframe:
+def _keep_keyframe(workshop: Workshop, scenes: SceneSet, keyframe: Keyframe) -> Keyframe:
     geometry, path_m = workshop.protocol.geometry, keyframe.recorded
     if path_m is not None and len(path_m) != geometry.waypoints:
         raise BuildError(

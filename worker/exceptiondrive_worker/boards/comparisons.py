@@ -140,7 +140,9 @@ def published_comparison(
                 if _is_shown(sheets, "families", family.id, protocol)
             },
             "tasks": {
-                task.id: _coarse(exact.tasks[task.id], first, cells("tasks", task.id), rounding)
+                task.id: _coarse_difference(
+                    exact.tasks[task.id], first, cells("tasks", task.id), rounding
+                )
                 for task in protocol.tasks
                 if _is_shown(sheets, "tasks", task.id, protocol)
             },
@@ -166,7 +168,7 @@ def rounded_difference(
     if metric.may_be_undefined:
         difference = rounding.metric(metric.key, exact.difference)
     else:
-        difference = _between(metric.key, rows, rounding)
+        difference = _cell_difference(metric.key, rows, rounding)
     interval = rounding.interval(metric.key, exact.interval)
     return exact.model_copy(
         update={
@@ -178,20 +180,20 @@ def rounded_difference(
     )
 
 
-def _coarse(
+def _coarse_difference(
     exact: PairedDifference, key: str, rows: Sequence[MetricRow], rounding: Rounding
 ) -> PairedDifference:
     """A task's difference: few samples, so nothing finer than the two published cells."""
     interval = rounding.coarse_interval(exact.interval)
     return PairedDifference(
-        difference=_between(key, rows, rounding),
+        difference=_cell_difference(key, rows, rounding),
         interval=interval,
         discordant=None,
         verdict=published_verdict(exact, interval),
     )
 
 
-def _between(key: str, rows: Sequence[MetricRow], rounding: Rounding) -> float | None:
+def _cell_difference(key: str, rows: Sequence[MetricRow], rounding: Rounding) -> float | None:
     a, b = (row.get(key) for row in rows)
     return None if a is None or b is None else rounding.metric(key, a - b)
 

@@ -111,7 +111,7 @@ def _reminder(sample: SampleScene, protocol: ProtocolDocument, rng: Random) -> R
     task = protocol.taxonomy.task(sample.task_id)
     if rng.random() >= SEEN:
         return ReminderRecord(hazard_present=False, risk_level="none")
-    named = _named(task, protocol, rng.random(), rng)
+    named = _named_task(task, protocol, rng.random(), rng)
     strategy = _answer(task, REMINDED_RIGHT, rng)
     side = "left" if sample.hazard.right_m > 0 else "right" if sample.hazard.left_m < 0 else "path"
     where = "in the path" if side == "path" else f"to the {side} of the path"
@@ -127,7 +127,7 @@ def _reminder(sample: SampleScene, protocol: ProtocolDocument, rng: Random) -> R
     )
 
 
-def _named(task: Task, protocol: ProtocolDocument, draw: float, rng: Random) -> Task:
+def _named_task(task: Task, protocol: ProtocolDocument, draw: float, rng: Random) -> Task:
     """The task itself, another one of its family, or any."""
     if draw < NAMED_TASK:
         return task

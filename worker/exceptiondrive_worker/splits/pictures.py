@@ -56,7 +56,7 @@ def publish_pictures(
         stored.extend(_stored(files, folder / PICTURES))  # holds those before one that is refused
         if not stored:
             raise PicturesRefusedError(f"there are no pictures in {split.name}/{PICTURES}")
-        _show(database, files, split, stored, licence)
+        _replace_shown(database, files, split, stored, licence)
     except (PicturesRefusedError, RecordsError):
         for row in stored:
             remove_orphan(database, files, row.file_digest)
@@ -70,10 +70,10 @@ def remove_pictures(database: Database, files: FileStore, split: SplitRef) -> No
     Raises:
         PicturesRefusedError: The split is withheld: none was ever shown.
     """
-    _show(database, files, split, [], "")
+    _replace_shown(database, files, split, [], "")
 
 
-def _show(
+def _replace_shown(
     database: Database, files: FileStore, ref: SplitRef, rows: list[SamplePictureRow], licence: str
 ) -> None:
     """Show these in the place of those that were shown, whose files go."""

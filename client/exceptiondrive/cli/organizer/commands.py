@@ -16,7 +16,7 @@ from exceptiondrive.cli.output import (
     be_sure,
     cut_words,
     replacing,
-    saved,
+    save_new,
     say,
     show_result,
     upload_name,
@@ -83,8 +83,8 @@ def similar(organizer: Organizer, phase: options.PhaseId) -> Answer:
     rows = [
         {
             "alike": pair.kind.replace("_", " "),
-            "first": _named(pair.first),
-            "second": _named(pair.second),
+            "first": _submission_label(pair.first),
+            "second": _submission_label(pair.second),
             "samples alike": f"{100 * pair.equal_share:.2f} %",
             "mean distance": f"{pair.mean_distance or 0:.2f}",
             "samples that differ": pair.n_different,
@@ -102,7 +102,7 @@ def similar(organizer: Organizer, phase: options.PhaseId) -> Answer:
     return report, pairs, *probing, f"{compared}, {report.n_waiting} more after the next board"
 
 
-def _named(submission: SubmissionOfTeam) -> str:
+def _submission_label(submission: SubmissionOfTeam) -> str:
     return f"{submission.team}: {submission.method} ({submission.id})"
 
 
@@ -220,7 +220,7 @@ def download_upload(
 ) -> Answer:
     """Get the bytes that a team sent; the audit log says who had them."""
     data = organizer.download_upload(submission_id)
-    return saved(output or Path(upload_name(organizer.id_of(submission_id), data)), data)
+    return save_new(output or Path(upload_name(organizer.id_of(submission_id), data)), data)
 
 
 @with_organizer
@@ -229,7 +229,7 @@ def download_story(
 ) -> Answer:
     """Get the whole story for a committee, as a tar: upload, receipt, records and a README."""
     data = organizer.download_story(submission_id)
-    return saved(output or Path(f"submission-{organizer.id_of(submission_id)}.tar"), data)
+    return save_new(output or Path(f"submission-{organizer.id_of(submission_id)}.tar"), data)
 
 
 @with_organizer
@@ -246,7 +246,7 @@ def download_archive(
 ) -> Answer:
     """Get the uploads that match as a tar; its last member, manifest.json, says what each is."""
     data = organizer.download_archive(team, phase, status)
-    return saved(output or Path("submissions.tar"), data)
+    return save_new(output or Path("submissions.tar"), data)
 
 
 @with_organizer
@@ -375,14 +375,14 @@ def delete_protocol(
 def list_splits(organizer: Organizer) -> Answer:
     """List the registered split revisions: what a phase may use."""
     found = organizer.splits()
-    rows = [one | {"warnings": _counts(one.get("warnings", ()))} for one in found]
+    rows = [one | {"warnings": _warning_counts(one.get("warnings", ()))} for one in found]
     columns = (
         "name", "revision", "part", "n_samples", "is_public", "registered_at", "words", "warnings"
     )  # fmt: skip
     return found, records_table(rows, columns)
 
 
-def _counts(warnings: Iterable[Mapping[str, Any]]) -> str:
+def _warning_counts(warnings: Iterable[Mapping[str, Any]]) -> str:
     return ", ".join(f"{found['code']} {found['count']}" for found in warnings)
 
 
@@ -492,7 +492,7 @@ def forget_person(
 @with_organizer
 def show_site(organizer: Organizer) -> Answer:
     """Show the links of the site."""
-    return _links(organizer.site())
+    return _link_lines(organizer.site())
 
 
 @with_organizer
@@ -501,10 +501,10 @@ def set_site(organizer: Organizer, **links: Any) -> Answer:
     changes = phases.setting_document(SiteLinks, links)
     if not changes:
         raise InvalidArgumentError("nothing_to_set", "Say what to set: `--help` lists the links.")
-    return _links(organizer.set_site(changes))
+    return _link_lines(organizer.set_site(changes))
 
 
-def _links(links: dict[str, Any]) -> Answer:
+def _link_lines(links: dict[str, Any]) -> Answer:
     return links, *(f"{name:<9}  {text or '-'}" for name, text in links.items())
 
 

@@ -104,7 +104,7 @@ def import_teams(
     file: Annotated[Path, argument("FILE", "CSV: id, name, affiliation, email; - is stdin.")],
 ) -> Answer:
     """Make many teams, each with a token that is shown this once; all of them, or none."""
-    text = options.given(file).text()
+    text = options.given_file(file).text()
     made = organizer.import_teams(text)
     teams = made["teams"]
     say(f"{counted(len(teams), 'team')} made, with tokens that are shown this once:")
@@ -210,7 +210,7 @@ def send_message(
     yes: options.Yes = False,
 ) -> Answer:
     """Write to one, some or all teams: inbox, e-mail and webhooks; needs --yes where it cannot ask."""
-    words = options.given(text).text()
+    words = options.given_file(text).text()
     if not (preview or yes):
         found = organizer.send_message(title, words, to or (), phase, is_preview=True)
         n_teams = counted(len(found["recipients"]), "team")

@@ -14,7 +14,7 @@ import typer
 from exceptiondrive.cli import completion, options
 from exceptiondrive.cli.completion import choices
 from exceptiondrive.cli.options import argument, one_of, option
-from exceptiondrive.cli.output import Answer, be_sure, saved, say
+from exceptiondrive.cli.output import Answer, be_sure, save_new, say
 from exceptiondrive.cli.session import with_organizer
 from exceptiondrive.cli.tables import records_table
 from exceptiondrive.errors import InvalidArgumentError, utc_text
@@ -41,9 +41,9 @@ REVEALED = {
 def show_phase(organizer: Organizer, phase_id: PhaseArgument) -> Answer:
     """Show the settings of a phase and where it stands."""
     phase = organizer.phase(phase_id)
-    lines = _lines(phase)
+    lines = _setting_lines(phase)
     width = max(len(key) for key in lines)
-    return phase, *(f"{key:<{width}}  {_words(value)}" for key, value in lines.items())
+    return phase, *(f"{key:<{width}}  {_value_text(value)}" for key, value in lines.items())
 
 
 @with_organizer
@@ -79,10 +79,15 @@ def create(
     split, challenge = split or model.get("split"), challenge or model.get("challenge", "planning")
     if split is None:
         raise InvalidArgumentError("no_split", "A phase needs a split.", "Add --split or --like.")
-    taken_over = _undated(model) if model else {}
+    taken_over = _reusable_settings(model) if model else {}
     if model.get("split") == split:
         taken_over |= {key: model[key] for key in ("protocol", "split_revision")}
-    wanted = {"id": phase_id, "split": split, "challenge": challenge, **_merged(taken_over, given)}
+    wanted = {
+        "id": phase_id,
+        "split": split,
+        "challenge": challenge,
+        **_deep_merged(taken_over, given),
+    }
     named = {"split_revision": split_revision, "protocol": protocol}
     wanted |= {key: value for key, value in named.items() if value is not None}
     phase = organizer.create_phase(wanted)
@@ -104,10 +109,14 @@ def update(organizer: Organizer, phase_id: PhaseArgument, **settings: Any) -> An
         raise InvalidArgumentError(
             "nothing_to_set", "Say what to change: `--help` lists the settings."
         )
-    before = _lines(organizer.phase(phase_id))
+    before = _setting_lines(organizer.phase(phase_id))
     phase = organizer.change_phase(phase_id, changes)
-    changed = {key: value for key, value in _lines(phase).items() if value != before.get(key)}
-    words = (f"{key}: {_words(before.get(key))} -> {_words(changed[key])}" for key in changed)
+    changed = {
+        key: value for key, value in _setting_lines(phase).items() if value != before.get(key)
+    }
+    words = (
+        f"{key}: {_value_text(before.get(key))} -> {_value_text(changed[key])}" for key in changed
+    )
     return phase, *(words if changed else ("nothing changed",))
 
 
@@ -129,7 +138,7 @@ def delete(organizer: Organizer, phase_id: PhaseArgument, reason: options.Reason
 def export(organizer: Organizer, phase_id: PhaseArgument, output: options.Output = None) -> Answer:
     """Get what readers may see of a phase, as a tar for a paper or an archive."""
     data = organizer.export_phase(phase_id)
-    return saved(output or Path(f"exceptiondrive-{phase_id}.tar"), data)
+    return save_new(output or Path(f"exceptiondrive-{phase_id}.tar"), data)
 
 
 @with_organizer
@@ -153,7 +162,7 @@ def import_reported(
     cite: Annotated[str, option("--cite", "TEXT", "Where it is: address or citation.")],
 ) -> Answer:
     """Put the rows of another board beside a phase, unranked: all of them, or none."""
-    text = options.given(file).text()
+    text = options.given_file(file).text()
     made = organizer.import_reported(phase_id, text, title, cite)
     return made, f"{counted(len(made['rows']), 'row')} imported as {made['id']}, ranked nowhere"
 
@@ -206,10 +215,10 @@ def reveal(
 def with_settings(command: Callable[..., None], model: type[Document]) -> Callable[..., None]:
     """Return a command with an option for each setting of a model, such as `--quota-per-day N`."""
     *own, _ = signature(command).parameters.values()
-    return options.taking(command, [*own, *map(_option, fields_of(model))])
+    return options.with_parameters(command, [*own, *map(_setting_option, fields_of(model))])
 
 
-def _option(field: FormField) -> Parameter:
+def _setting_option(field: FormField) -> Parameter:
     name = "--" + field.name.replace("_", "-")
     default = Parameter.empty if field.is_required and field.default is None else None
     if field.kind == "yes":
@@ -242,7 +251,7 @@ def setting_document(model: type[Document], given: Mapping[str, Any]) -> dict[st
     )
 
 
-def _undated(phase: Mapping[str, Any]) -> dict[str, Any]:
+def _reusable_settings(phase: Mapping[str, Any]) -> dict[str, Any]:
     """Return the settings of a phase that another may take over: all but dates, position, and being archived."""
     known = PhaseSettings.model_validate(phase, extra="ignore")
     fields = [field for field in fields_of(PhaseSettings) if field.kind != "moment"]
@@ -254,7 +263,7 @@ def _undated(phase: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def _merged(document: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+def _deep_merged(document: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
     """Return a document with changes, also of the documents in it."""
     inner = {
         key: {**document[key], **changes[key]}
@@ -283,14 +292,14 @@ def setting_value(field: FormField, given: Any) -> Any:
     return given
 
 
-def _lines(phase: Mapping[str, Any]) -> dict[str, Any]:
+def _setting_lines(phase: Mapping[str, Any]) -> dict[str, Any]:
     """Return the settings of a phase and where it stands, by what a line calls them."""
     settings = {key: value for key, value in phase.items() if not isinstance(value, dict | list)}
     now = {f"now: {key}": value for key, value in phase["now"].items()}
     return {**settings, **phase["page"], **phase["policy"], **now}
 
 
-def _words(value: Any) -> str:
+def _value_text(value: Any) -> str:
     if isinstance(value, bool):
         return str(value).lower()
     return "-" if value in (None, "") else shorten(str(value), LONGEST_SHOWN, placeholder=" …")

@@ -57,12 +57,12 @@ MAX_SAMPLE = 100_000
 
 
 @contextmanager
-def _rescoring(server: str | None) -> Iterator[Rescoring]:
+def _open_rescoring(server: str | None) -> Iterator[Rescoring]:
     with open_organizer(server) as organizer:
         yield organizer.rescoring
 
 
-with_rescoring = command_of(_rescoring)
+with_rescoring = command_of(_open_rescoring)
 
 
 @with_rescoring
@@ -83,7 +83,7 @@ def start(
     run = rescoring.draft(phase, protocol, split_revision, reason)
     if not draft:
         try:
-            run = _begun(rescoring, run, reason)
+            run = _start_when_tried(rescoring, run, reason)
         except NetworkError as error:
             raise NetworkError(
                 error.code,
@@ -94,9 +94,9 @@ def start(
     return run, *run_lines(run)
 
 
-def _begun(rescoring: Rescoring, run: RunView, reason: str) -> RunView:
+def _start_when_tried(rescoring: Rescoring, run: RunView, reason: str) -> RunView:
     """Begin a drafted run once a worker has tried its split."""
-    run = _tried(rescoring, run)
+    run = _wait_for_trial(rescoring, run)
     if run.trial is not None and run.trial.state == "held":
         raise InvalidArgumentError(
             "split_floor",
@@ -116,12 +116,12 @@ def status(
     json: options.Json = False,
 ) -> None:
     """Show runs, or one run with its progress and what stands in the way."""
-    with _rescoring(server) as rescoring:
+    with _open_rescoring(server) as rescoring:
         if run_id is None:
             runs = rescoring.runs(phase)
             show_result(runs, json, runs_table(runs))
             return
-        run = _watched(rescoring, run_id) if watch else rescoring.run(run_id)
+        run = _watch_run(rescoring, run_id) if watch else rescoring.run(run_id)
         shown: Any = run
         lines = run_lines(run)
         if run.kind is RunKind.VERIFICATION:
@@ -141,7 +141,7 @@ def preview(
     json: options.Json = False,
 ) -> None:
     """Compare every entry before and after; exit code 1 if the preview is stale."""
-    with _rescoring(server) as rescoring:
+    with _open_rescoring(server) as rescoring:
         found = rescoring.preview(run_id, seen)
         if csv is not None:
             with replacing(csv):
@@ -177,7 +177,7 @@ def verify(
     json: options.Json = False,
 ) -> None:
     """Recompute sheets from the uploads and demand every bit again; exit code 1 if one differs."""
-    with _rescoring(server) as rescoring:
+    with _open_rescoring(server) as rescoring:
         found = rescoring.start_verification(phase, _sample_size(sample), reason)
         follow_verification(rescoring, found, json)
 
@@ -191,13 +191,13 @@ def follow_verification(rescoring: Rescoring, found: VerificationView, json: boo
     sheets = counted(found.n_sheets, "sheet")
     say(f"verification {found.id} of {sheets}, protocol {found.protocol.version}")
     say(f"it goes on by itself; exceptiondrive organizer rescore status {found.id} shows it, too")
-    found = _verified(rescoring, found)
+    found = _watch_verification(rescoring, found)
     show_result(found, json, *verification_lines(found))
     if found.n_equal != found.n_sheets:
         raise typer.Exit(ExceptionDriveError.exit_code)
 
 
-def _step(step: str, words: str) -> Callable[..., None]:
+def _step_command(step: str, words: str) -> Callable[..., None]:
     """Return the command of a step that needs nothing but a run and a reason."""
 
     @with_rescoring
@@ -209,7 +209,7 @@ def _step(step: str, words: str) -> Callable[..., None]:
     return take
 
 
-def _watched(rescoring: Rescoring, run_id: str) -> RunView:
+def _watch_run(rescoring: Rescoring, run_id: str) -> RunView:
     """Follow a run until scoring has ended: ready, paused, failed or cancelled."""
     with step_line() as tell:
         while True:
@@ -223,7 +223,7 @@ def _watched(rescoring: Rescoring, run_id: str) -> RunView:
             time.sleep(_LOOK_EVERY_S)
 
 
-def _tried(rescoring: Rescoring, run: RunView) -> RunView:
+def _wait_for_trial(rescoring: Rescoring, run: RunView) -> RunView:
     """Wait until a worker has tried the split of a draft, which then may be refused."""
     with step_line() as tell:
         for look in range(_MAX_LOOKS):
@@ -241,7 +241,7 @@ def _tried(rescoring: Rescoring, run: RunView) -> RunView:
     )
 
 
-def _verified(rescoring: Rescoring, found: VerificationView) -> VerificationView:
+def _watch_verification(rescoring: Rescoring, found: VerificationView) -> VerificationView:
     with step_line() as tell:
         while found.finished_at is None:
             time.sleep(_LOOK_EVERY_S)
@@ -263,7 +263,7 @@ def _sample_size(sample: str) -> int | None:
 
 def run_lines(run: RunView) -> list[RenderableType]:
     """Return state, progress, changes and blockers of a run."""
-    head = f"run {run.id}  {run.state}  phase {run.phase}  {' -> '.join(_sides(run))}"
+    head = f"run {run.id}  {run.state}  phase {run.phase}  {' -> '.join(_from_and_to(run))}"
     difference = run.difference
     lines: list[RenderableType] = [head, f"  {run.progress.words}", f"  {difference.sentence}"]
     lines += [f"  - {sentence}" for sentence in difference.sentences]
@@ -274,7 +274,7 @@ def run_lines(run: RunView) -> list[RenderableType]:
     return lines
 
 
-def _sides(changed: RunView | Comparison) -> tuple[str, str]:
+def _from_and_to(changed: RunView | Comparison) -> tuple[str, str]:
     """Return versions of the protocol from and to, or where one stays and another split counts, revisions."""
     if changed.from_protocol != changed.to_protocol or changed.from_split == changed.to_split:
         return changed.from_protocol.version, changed.to_protocol.version
@@ -300,7 +300,7 @@ def runs_table(runs: Sequence[RunView]) -> FittedTable:
             run.id,
             run.phase,
             run.state,
-            *_sides(run),
+            *_from_and_to(run),
             f"{run.progress.done}/{run.progress.total}",
             utc_text(run.created_at),
             run.reason,
@@ -313,7 +313,7 @@ def preview_lines(preview: PreviewView) -> Iterator[RenderableType]:
     comparison = preview.comparison
     stale = "  STALE: something has changed since" if preview.is_stale else ""
     head = (
-        f"{' -> '.join(_sides(comparison))}, "
+        f"{' -> '.join(_from_and_to(comparison))}, "
         f"board {comparison.old_board} -> {comparison.new_board}: "
         f"{comparison.n_entries} entries, {comparison.n_numbers_changed} with new numbers, "
         f"{comparison.n_ranks_changed} with a new rank, "
@@ -343,8 +343,8 @@ def _entries_table(comparison: Comparison) -> FittedTable:
         table.add_row(
             entry.method,
             f"{entry.old_rank or '-'} -> {entry.new_rank or '-'}",
-            f"{_interval(old)} -> {_interval(new)}",
-            *(f"{_metric(old, metric)} -> {_metric(new, metric)}" for metric in metrics),
+            f"{_interval_text(old)} -> {_interval_text(new)}",
+            *(f"{_metric_text(old, metric)} -> {_metric_text(new, metric)}" for metric in metrics),
             "no longer ranked" if entry.newly_failing else entry.change.replace("_", " "),
         )
     return table
@@ -365,10 +365,10 @@ def _effect_lines(comparison: Comparison) -> list[str]:
     metrics = challenge_of(comparison.challenge).columns
     lines = []
     for entry in comparison.entries:
-        old, new = _effect(entry.old), _effect(entry.new)
+        old, new = _effect_of(entry.old), _effect_of(entry.new)
         if old or new:
             words = (
-                f"{metric.label} {_signed(old, metric)} -> {_signed(new, metric)}"
+                f"{metric.label} {_signed_effect(old, metric)} -> {_signed_effect(new, metric)}"
                 for metric in metrics
                 if metric.role == "primary"
             )
@@ -376,12 +376,12 @@ def _effect_lines(comparison: Comparison) -> list[str]:
     return lines
 
 
-def _effect(standing: Standing | None) -> MetricRow:
+def _effect_of(standing: Standing | None) -> MetricRow:
     effect = standing and standing.reminder_effect
     return effect.by_metric if effect else {}
 
 
-def _signed(effect: MetricRow, metric: Metric) -> str:
+def _signed_effect(effect: MetricRow, metric: Metric) -> str:
     value = effect.get(metric.key)
     if value is None:
         return "-"
@@ -406,27 +406,29 @@ def verification_lines(found: VerificationView) -> Iterator[str]:
         yield f"  {problem.submission_id}  {problem.state}  {problem.note or ''}"
 
 
-def _interval(standing: Standing | None) -> str:
+def _interval_text(standing: Standing | None) -> str:
     span = standing and standing.rank_interval
     return f"{span[0]}..{span[1]}" if span else "-"
 
 
-def _metric(standing: Standing | None, metric: Metric) -> str:
+def _metric_text(standing: Standing | None, metric: Metric) -> str:
     return metric_text(metric, standing.metrics.get(metric.key) if standing else None)
 
 
 COMMANDS: dict[str, Callable[..., None]] = {
     "start": start,
-    "begin": _step(
+    "begin": _step_command(
         "start", "Begin to score a run that was only drafted: the step start of pages and API."
     ),
     "status": status,
-    "pause": _step("pause", "Let no further sheet of a run begin."),
-    "resume": _step("resume", "Go on with a run, and try failed sheets again."),
+    "pause": _step_command("pause", "Let no further sheet of a run begin."),
+    "resume": _step_command("resume", "Go on with a run, and try failed sheets again."),
     "preview": preview,
     "apply": apply,
-    "cancel": _step("cancel", "End a run that was not applied; the board never changed."),
-    "rollback": _step("rollback", "Show the board under the earlier protocol again."),
-    "close": _step("close", "End an applied run for good: it can no longer be rolled back."),
+    "cancel": _step_command("cancel", "End a run that was not applied; the board never changed."),
+    "rollback": _step_command("rollback", "Show the board under the earlier protocol again."),
+    "close": _step_command(
+        "close", "End an applied run for good: it can no longer be rolled back."
+    ),
     "verify": verify,
 }
