@@ -38,7 +38,7 @@ from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_server.launcher.broker import broker_command, find_broker_binary, socket_path
 from exceptiondrive_server.operations import doctor
 from exceptiondrive_server.operations.cli import main
-from exceptiondrive_server.operations.doctor import Finding, Severity, examine
+from exceptiondrive_server.operations.doctor import GUARDS, Finding, Severity, examine
 from exceptiondrive_server.web.metrics import RequestMetrics, exposition
 from exceptiondrive_server.web.settings import ServerSettings
 
@@ -340,11 +340,20 @@ def test_an_old_queue_is_named(healthy: ServerSettings, lived: Lived) -> None:
 
 def test_records_without_their_guards_are_an_error(healthy: ServerSettings, lived: Lived) -> None:
     with lived.database.write() as session:
-        session.execute(text("DROP TRIGGER audit_lines_no_update"))
-        session.execute(text("DROP TRIGGER audit_lines_no_delete"))
+        session.execute(text("DROP TRIGGER score_sheets_no_update"))
     (finding,) = troubles(healthy)
     assert finding.severity is Severity.ERROR
-    assert "audit_lines" in finding.what
+    assert finding.what.endswith("are gone or disabled: score_sheets_no_update")
+
+
+def test_it_knows_every_guard(database: Database) -> None:
+    dialect = database.engine.dialect.name
+    listing = {
+        "sqlite": "SELECT name FROM sqlite_master WHERE type = 'trigger'",
+        "postgresql": "SELECT tgname FROM pg_trigger WHERE tgfoid = 'refuse_change'::regproc",
+    }[dialect]
+    with database.read() as session:
+        assert GUARDS[dialect] == set(session.scalars(text(listing)))
 
 
 @POSTGRES_ALONE
@@ -357,7 +366,7 @@ def test_guards_that_are_disabled_are_an_error(healthy: ServerSettings, database
     with database.write() as session:
         session.execute(text("ALTER TABLE audit_lines DISABLE TRIGGER ALL"))
     database.dispose()
-    assert "the triggers that keep audit_lines append-only are gone or disabled" in whats(settings)
+    assert "append-only are gone or disabled: audit_lines_append_only" in whats(settings)
 
 
 def test_what_the_database_said_is_told(healthy: ServerSettings, database_url: str) -> None:

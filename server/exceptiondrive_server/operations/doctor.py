@@ -56,6 +56,23 @@ _OLDEST_QUEUED_S = 60.0
 _NO_FILE = "sha256:" + "0" * 64
 _LOOK = os.R_OK | os.X_OK
 _OTHERS = stat.S_IRWXG | stat.S_IRWXO
+_IMMUTABLE = (
+    "audit_lines",
+    "board_entries",
+    "board_flips",
+    "boards",
+    "protocols",
+    "score_sheets",
+    "split_openings",
+    "submission_edits",
+)
+GUARDS = {
+    "sqlite": {f"{table}_no_{act}" for table in _IMMUTABLE for act in ("update", "delete")}
+    - {"protocols_no_delete"},
+    "postgresql": {f"{table}_append_only" for table in _IMMUTABLE}
+    | {"boards_go_with_phase", "board_flips_go_with_phase"},
+}
+"""Triggers that keep tables append-only, by the kind of database."""
 
 
 class Severity(StrEnum):
@@ -220,19 +237,19 @@ def _check_boards(database: Database) -> Iterator[Finding]:
 
 
 def _append_only(database: Database) -> Iterator[Finding]:
-    """Boards, audit lines and protocols must refuse to be changed."""
+    """What is never overwritten must refuse to be changed."""
     dialect = database.engine.dialect.name
     listing = {
-        "sqlite": "SELECT tbl_name FROM sqlite_master WHERE type = 'trigger'",
-        "postgresql": "SELECT tgrelid::regclass::text FROM pg_trigger "
+        "sqlite": "SELECT name FROM sqlite_master WHERE type = 'trigger'",
+        "postgresql": "SELECT tgname FROM pg_trigger "
         "WHERE NOT tgisinternal AND tgenabled IN ('O', 'A')",  # that is, at work in every session
     }[dialect]
     with database.read() as session:
-        guarded = set(session.scalars(text(listing)))
-    missing = {"audit_lines", "boards", "protocols"} - guarded
+        missing = GUARDS[dialect] - set(session.scalars(text(listing)))
     if missing:
         yield _error(
-            f"the triggers that keep {', '.join(sorted(missing))} append-only are gone or disabled",
+            "triggers that keep tables append-only are gone or disabled: "
+            f"{', '.join(sorted(missing))}",
             "restore a backup into new records: somebody has altered the schema",
         )
 
