@@ -33,8 +33,8 @@ def create_app(settings: ServerSettings) -> FastAPI:
         version=API_VERSION,
         description="Submit trajectory files, follow their scoring, read the boards. "
         "Errors are RFC 9457 problems; what is no request (400, 431) or comes too slowly (408) may be "
-        "answered in plain text. A parameter or field of a body that is not named here is refused (400), so that a "
-        "typing error asks for nothing else. Times are in UTC. Answers may gain fields, and an enum of an answer words: "
+        "answered in plain text. Below /api a parameter or field of a body that is not named here is refused (400), so "
+        "that a typing error asks for nothing else. Times are in UTC. Answers may gain fields, and an enum of an answer words: "
         "ignore what you do not know.",
         openapi_url="/api/v1/openapi.json",
         docs_url=None,
