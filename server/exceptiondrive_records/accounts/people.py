@@ -255,7 +255,7 @@ def open_invitations(session: Session, team_id: int) -> list[Invitation]:
     """Return the invitations of a team that may still be used, newest first."""
     query = (
         select(Invitation)
-        .where(Invitation.team_id == team_id, *_is_usable(session))
+        .where(Invitation.team_id == team_id, *_usable_conditions(session))
         .order_by(Invitation.created_at.desc(), Invitation.id)
     )
     return list(session.scalars(query))
@@ -306,7 +306,7 @@ def find_invitation(session: Session, text: str, person_id: str | None) -> tuple
     theirs = select(Membership.team_id).where(Membership.person_id == person_id)
     is_theirs = and_(Invitation.used_by == person_id, Invitation.team_id.in_(theirs))
     query = select(Invitation, Team).join(Team, Team.id == Invitation.team_id)
-    is_open = or_(and_(*_is_usable(session)), is_theirs)
+    is_open = or_(and_(*_usable_conditions(session)), is_theirs)
     found = session.execute(query.where(Invitation.id == invitation_id, is_open)).one_or_none()
     expected = found[0].secret_digest if found is not None else _NO_INVITATION
     is_right = hmac.compare_digest(secret_digest(secret), expected)
@@ -330,7 +330,7 @@ def accept_invitation(session: Session, text: str, person_id: str, *, actor: str
     hold_team(session, team.id)
     used = session.scalars(
         update(Invitation)
-        .where(Invitation.id == invitation.id, *_is_usable(session))
+        .where(Invitation.id == invitation.id, *_usable_conditions(session))
         .values(used_at=database_now(session), used_by=person_id)
         .returning(Invitation.id)
     ).one_or_none()
@@ -353,7 +353,7 @@ def withdraw_invitation(session: Session, team_id: int, invitation_id: str, *, a
     """
     query = select(Invitation, Team.slug).join(Team, Team.id == Invitation.team_id)
     is_theirs = (Invitation.id == invitation_id, Invitation.team_id == team_id)
-    found = session.execute(query.where(*is_theirs, *_is_usable(session))).one_or_none()
+    found = session.execute(query.where(*is_theirs, *_usable_conditions(session))).one_or_none()
     if found is None:
         raise NotFound("invitation", invitation_id)
     invitation, slug = found
@@ -365,12 +365,14 @@ def withdraw_invitations_of(
     session: Session, made_by: str, *of: ColumnElement[bool], actor: str
 ) -> None:
     """Make useless what links somebody made who may make none any more: all, or those that are meant."""
-    query = select(Invitation).where(Invitation.made_by == made_by, *of, *_is_usable(session))
+    query = select(Invitation).where(
+        Invitation.made_by == made_by, *of, *_usable_conditions(session)
+    )
     for invitation in session.scalars(query):
         withdraw_invitation(session, invitation.team_id, invitation.id, actor=actor)
 
 
-def _is_usable(session: Session) -> tuple[ColumnElement[bool], ...]:
+def _usable_conditions(session: Session) -> tuple[ColumnElement[bool], ...]:
     now = database_now(session)
     return (
         Invitation.used_at.is_(None),

@@ -100,7 +100,7 @@ def entries_for_board(
     phase = find_phase(session, phase_id)
     key = ScoringKey(protocol_digest, split_revision or phase.split_revision)
     scored = _scored_under(session, phase, key)
-    due = _counted_now(session, phase, scored, view, key)
+    due = _entries_due(session, phase, scored, view, key)
     sheets = _sheets(session, [each.submission.id for each in due], key)
     accepted = all_accepted_under(session, phase.id)
     return [_entry(phase, each, sheets, accepted) for each in due]
@@ -110,7 +110,7 @@ def entry_ids_for_board(session: Session, phase_id: str, key: ScoringKey) -> set
     """Return the submissions of `entries_for_board`, without reading a sheet."""
     phase = session.get_one(Phase, phase_id)
     scored = _scored_under(session, phase, key)
-    return {each.submission.id for each in _counted_now(session, phase, scored, "main", key)}
+    return {each.submission.id for each in _entries_due(session, phase, scored, "main", key)}
 
 
 def names_of(session: Session, submission_ids: list[str]) -> dict[str, tuple[str, str]]:
@@ -223,7 +223,7 @@ def stood_at_deadline(phase: Phase) -> ColumnElement[bool]:
     )
 
 
-def _counted_now(
+def _entries_due(
     session: Session,
     phase: Phase,
     scored: list[_Scored],

@@ -134,7 +134,7 @@ def new_receipt_key(data: DataOption = None) -> None:
     from exceptiondrive_server.submissions.receipts import write_new_key
 
     path = load_settings(ServerSettings, data).receipt_key_file
-    with _write_errors_told(path):
+    with _explain_write_errors(path):
         write_new_key(path, replace=True)
     say(f"a new key is in {path}; restart the server to use it")
 
@@ -152,7 +152,7 @@ def init_secrets(
     """
     from exceptiondrive_server.operations.secrets import write_first_secrets
 
-    with _write_errors_told(folder):
+    with _explain_write_errors(folder):
         written = write_first_secrets(folder, host)
     names = [path.name for path in written]
     say(f"written into {folder}: {', '.join(names) or 'nothing, every file is there'}")
@@ -180,7 +180,7 @@ def init(
     from exceptiondrive_server.operations.secrets import require_pair
 
     folder = bare.absolute()
-    with _write_errors_told(folder):
+    with _explain_write_errors(folder):
         made = BareServer(folder, (programs or programs_of_this()).absolute(), host).write()
     say(f"{folder} holds folders, secrets/, settings in etc/ and units in systemd/")
     if made:
@@ -196,7 +196,7 @@ def init(
 
 
 @contextmanager
-def _write_errors_told(path: Path) -> Iterator[None]:
+def _explain_write_errors(path: Path) -> Iterator[None]:
     """Say in one sentence what cannot be written."""
     try:
         yield
