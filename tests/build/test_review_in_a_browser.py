@@ -451,6 +451,21 @@ def test_a_key_that_is_held_decides_one_card(site: Site, browser: Browser) -> No
     assert [(it.value or {})["passed"] for it in site.records(Kind.INSPECT)] == [True, False, True]
 
 
+def test_keys_of_one_letter_are_turned_off_and_stay_off(site: Site, browser: Browser) -> None:
+    """What a program for dictation types decides nothing (WCAG 2.1.4)."""
+    page = site.reviewer(browser, "ada")
+    before = begin(page, "inspect")
+    page.click("#help-open")
+    page.get_by_label("Letters, digits and signs act").uncheck()
+    press(page, "Escape")
+    assert begin(page, "inspect") == before
+    press(page, "a", "s", "r", "5", "?")
+    expect(page.locator("#help, #reasons").locator("visible=true")).to_have_count(0)
+    assert (card_of(page), site.records(Kind.INSPECT)) == (before, [])
+    page.focus("#accept")
+    assert decide(page, "Enter") == before
+
+
 def test_where_an_edited_picture_is_missing_nothing_stands_in_and_nothing_is_decided(
     site: Site, browser: Browser
 ) -> None:

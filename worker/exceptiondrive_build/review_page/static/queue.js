@@ -26,6 +26,10 @@ export class CardQueue {
     find("skip").addEventListener("click", () => this.#skip());
     find("undo").addEventListener("click", () => this.#undo());
     find("help-open").addEventListener("click", () => find("help").showModal());
+    // Dictated words and the keys of a screen reader decide nothing where this is off (WCAG 2.1.4).
+    const single = find("single-keys");
+    single.checked = localStorage.getItem("single-keys") !== "off";
+    single.addEventListener("change", () => localStorage.setItem("single-keys", single.checked ? "on" : "off"));
     for (const button of find("reasons").children) {
       button.addEventListener("click", () => this.decide(false, button.dataset.reason));
     }
@@ -194,6 +198,7 @@ export class CardQueue {
       return;
     }
     if (event.ctrlKey || event.metaKey || find("help").open) return;
+    if (key.length === 1 && !find("single-keys").checked) return;
     if (event.repeat && ONCE.test(key)) {
       event.preventDefault();
       return;
