@@ -958,6 +958,19 @@ def test_a_tablet_shows_every_number_of_the_board_without_scrolling(
     assert max(edges) <= card["x"] + card["width"] + 0.5
 
 
+def test_the_foot_explains_lines_and_bars_where_rows_have_them(visit: Visit) -> None:
+    page = visit.open("/")
+    shown = []
+    for width in (390, 820, 1440):
+        page.set_viewport_size({"width": width, "height": 900})
+        lines = page.locator("#board-rows tbody .wk:visible").count()
+        words = page.locator("#board .foot").inner_text()
+        assert ("A row's line spans" in words) == ("± and bars: " in words) == (lines > 0)
+        assert "±: " in words or lines
+        shown.append(lines > 0)
+    assert shown == [True, False, True]
+
+
 ABOVE_ITS_NUMBERS = """rows => rows.map((row) => {
   const box = row.getBoundingClientRect(), name = row.querySelector(".pn");
   const words = [...row.querySelectorAll("td:is(.pm, .dg)")].map((cell) => {
