@@ -1,11 +1,15 @@
 """Backup and restore: what was accepted, scored and said comes back, on either database."""
 
+import gzip
 import io
 import tarfile
 import tempfile
-from collections.abc import Callable
+import tracemalloc
+from collections.abc import Iterator
+from contextlib import contextmanager
 from datetime import timedelta
 from pathlib import Path
+from typing import Protocol
 
 import pytest
 from sqlalchemy import select, update
@@ -30,6 +34,10 @@ from exceptiondrive_server.operations.cli import app
 from exceptiondrive_server.submissions.receipts import ReceiptSigner
 
 
+class AddBoard(Protocol):
+    def __call__(self, database: Database, body: str | None = None) -> int: ...
+
+
 @pytest.fixture
 def sqlite_path(tmp_path: Path) -> Path:
     """Where a database may be made."""
@@ -37,10 +45,10 @@ def sqlite_path(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def add_board() -> Callable[[Database], int]:
+def add_board() -> AddBoard:
     """Append a board like the last one, by its own number; return the id that it got."""
 
-    def add(database: Database) -> int:
+    def add(database: Database, body: str | None = None) -> int:
         with database.write() as session:
             last = session.query(BoardRow).order_by(BoardRow.id.desc()).first()
             assert last is not None
@@ -51,7 +59,7 @@ def add_board() -> Callable[[Database], int]:
                 number=last.number + 1,
                 digest=last.digest,
                 body_digest=last.body_digest,
-                body=last.body,
+                body=body or last.body,
                 published_at=last.published_at,
             )
             session.add(row)
@@ -59,6 +67,17 @@ def add_board() -> Callable[[Database], int]:
             return row.id
 
     return add
+
+
+@contextmanager
+def memory_at_most(limit_bytes: int) -> Iterator[None]:
+    """Fail where Python's own objects took more at once."""
+    tracemalloc.start()
+    try:
+        yield
+        assert tracemalloc.get_traced_memory()[1] < limit_bytes
+    finally:
+        tracemalloc.stop()
 
 
 def all_rows(database: Database) -> dict[str, list[str]]:
@@ -147,7 +166,7 @@ def test_every_table_that_refers_to_itself_is_asked_at_the_end() -> None:
 
 
 def test_the_restored_records_go_on(
-    lived: Lived, empty_database_url: str, tmp_path: Path, add_board: Callable[[Database], int]
+    lived: Lived, empty_database_url: str, tmp_path: Path, add_board: AddBoard
 ) -> None:
     """Numbers go on after the last one, on both databases."""
     write_backup(lived.database, lived.files, tmp_path / "backup.tar")
@@ -185,6 +204,23 @@ def test_its_tables_lie_beside_it_while_it_is_written(
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "nowhere"))
     write_backup(lived.database, lived.files, tmp_path / "backup.tar")
     assert [path.name for path in tmp_path.glob("*.tar*")] == ["backup.tar"]
+
+
+def test_as_much_memory_is_taken_as_the_largest_board_asks_however_many_there_are(
+    lived: Lived, add_board: AddBoard, sqlite_path: Path
+) -> None:
+    """A season has hundreds of boards, of megabytes each; a service may take one gigabyte."""
+    board_bytes, path = 2**20, sqlite_path.parent / "backup.tar"
+    for _ in range(24):
+        add_board(lived.database, "x" * board_bytes)
+    with memory_at_most(12 * board_bytes):
+        write_backup(lived.database, lived.files, path)
+    assert path.stat().st_size < 2 * board_bytes
+    with (
+        memory_at_most(12 * board_bytes),
+        pytest.raises(BackupError, match="dev/2: its body is not"),
+    ):
+        restore_backup(path, f"sqlite:///{sqlite_path}", FileStore("memory://"))
 
 
 def test_it_is_not_restored_over_records_that_hold_something(lived: Lived, tmp_path: Path) -> None:
@@ -328,12 +364,39 @@ def test_a_backup_of_other_columns_is_refused_before_a_file_is_put_anywhere(
 
 
 def test_a_changed_row_in_the_backup_is_found(lived: Lived, sqlite_path: Path) -> None:
-    """Somebody edits the audit log inside the file."""
-    path = sqlite_path.parent / "backup.tar"
+    """Somebody edits the audit log inside the file, and packs it again."""
+    path, edited = sqlite_path.parent / "backup.tar", sqlite_path.parent / "edited.tar"
     write_backup(lived.database, lived.files, path)
-    path.write_bytes(path.read_bytes().replace(b"submission received", b"submission recEived", 1))
+    with tarfile.open(path) as source, tarfile.open(edited, "w") as target:
+        for member in source:
+            data = content(source, member)
+            if member.name.startswith("records/"):
+                lines = gzip.decompress(data)
+                data = gzip.compress(lines.replace(b"submission received", b"submission recEived"))
+                member.size = len(data)
+            target.addfile(member, io.BytesIO(data))
     files = FileStore((sqlite_path.parent / "restored").as_uri())
     with pytest.raises(BackupError, match="audit chain"):
+        restore_backup(edited, f"sqlite:///{sqlite_path}", files)
+
+
+def content(archive: tarfile.TarFile, member: tarfile.TarInfo) -> bytes:
+    stream = archive.extractfile(member)
+    assert stream is not None
+    return stream.read()
+
+
+@pytest.mark.parametrize("at", [0, 12, 40, -6])
+def test_damaged_rows_in_the_backup_are_told(lived: Lived, sqlite_path: Path, at: int) -> None:
+    path = sqlite_path.parent / "backup.tar"
+    write_backup(lived.database, lived.files, path)
+    with tarfile.open(path) as archive:
+        member = archive.getmember("records/submissions.jsonl.gz")
+    data = bytearray(path.read_bytes())
+    data[member.offset_data + at % member.size] ^= 0xFF
+    path.write_bytes(data)
+    files = FileStore((sqlite_path.parent / "restored").as_uri())
+    with pytest.raises(BackupError, match="is not a whole backup"):
         restore_backup(path, f"sqlite:///{sqlite_path}", files)
 
 

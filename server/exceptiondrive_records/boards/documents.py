@@ -4,7 +4,9 @@ Read all at once, it is taken apart as a whole first, which takes four times wha
 entries have the same fields and few numbers that differ: each kept once, a board takes half.
 """
 
+import gc
 from collections.abc import Iterator
+from contextlib import contextmanager
 from datetime import datetime
 from json import JSONDecoder
 from types import NoneType
@@ -17,6 +19,20 @@ from exceptiondrive_schemas.board import Board, BoardEntry
 _ENTRIES = '"entries":['  # no text holds it: its quotes are escaped
 _PLAIN = {str, int, bool, NoneType, datetime}
 _DECODER = JSONDecoder()
+
+
+@contextmanager
+def collector_at_rest() -> Iterator[None]:
+    """Let the collector of cycles rest while many objects are made that are in none.
+
+    It goes through all of them whenever they are a quarter more: a fifth of the time that a board of 10,000
+    entries takes, and half of what it takes to check a hundred boards of 1,000.
+    """
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.enable()
 
 
 class Sharing:

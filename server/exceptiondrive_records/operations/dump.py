@@ -25,6 +25,7 @@ from sqlalchemy import (
 from sqlalchemy.orm import Session
 from sqlalchemy.types import TypeEngine
 
+from exceptiondrive_records.boards.tables import BoardRow
 from exceptiondrive_records.db.base import Base
 from exceptiondrive_records.db.columns import DocumentText, UtcDateTime
 from exceptiondrive_records.submissions.submissions import keeps_its_file
@@ -35,7 +36,6 @@ BACKUP, BACKUP_WRITTEN, BACKUP_FAILED = "backup", "backup written", "backup fail
 """Subject and actions of the audit lines of backups."""
 _PASSING = {WorkerHeartbeat.__tablename__}
 _LEADS = Leader.__mapper__.polymorphic_identity
-_AT_ONCE = 500
 
 
 def dumped_tables() -> list[Table]:
@@ -56,7 +56,7 @@ def dump_rows(session: Session, table: Table) -> Iterator[str]:
     plain = _stored_columns(table)
     keys = [column.name for column in table.primary_key]
     query = select(plain).where(_is_portable(plain)).order_by(*(plain.c[key] for key in keys))
-    for row in session.execute(query.execution_options(yield_per=_AT_ONCE)):
+    for row in session.execute(query.execution_options(yield_per=_rows_at_once(table))):
         yield json.dumps([_to_json(value) for value in row], ensure_ascii=False, allow_nan=False)
 
 
@@ -72,7 +72,7 @@ def load_rows(session: Session, table: Table, lines: Iterable[str]) -> None:
     for line in lines:
         values = zip(plain.columns, json.loads(line), strict=True)
         waiting.append({column.name: _from_json(column.type, value) for column, value in values})
-        if len(waiting) == _AT_ONCE:
+        if len(waiting) == _rows_at_once(table):
             session.execute(plain.insert(), waiting)
             waiting = []
     if waiting:
@@ -107,6 +107,11 @@ def file_digests(
                     query = query.where(keeps_its_file(session))
                 found |= set(session.scalars(query))
     return sorted(found)
+
+
+def _rows_at_once(table: Table) -> int:
+    """Return how many rows may be in memory: a board of 10,000 entries alone takes 44 MB."""
+    return 1 if table.name == BoardRow.__tablename__ else 500
 
 
 def _is_portable(table: Table) -> ColumnElement[bool]:

@@ -4,18 +4,20 @@ Reads only; changes nothing. `exceptiondrive-server verify` and `restore` report
 the fault suite asks it after every fault (docs/faults.md).
 """
 
-import json
+from bisect import bisect_left
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
 from pydantic import ValidationError
+from pydantic_core import from_json
 from sqlalchemy import Enum, Text, exists, select, type_coerce
 from sqlalchemy.orm import Session, defer
 
 from exceptiondrive_records.audit.log import verify_audit
 from exceptiondrive_records.audit.tables import AuditLine
+from exceptiondrive_records.boards.documents import collector_at_rest
 from exceptiondrive_records.boards.tables import BoardEntryRow, BoardFlip, BoardRow
 from exceptiondrive_records.db.base import Base
 from exceptiondrive_records.db.columns import DocumentText
@@ -46,8 +48,6 @@ from exceptiondrive_schemas.score_sheet import MetricRow
 # What must hold of every board: a pure function of score sheets under one protocol.
 
 
-_AT_ONCE = 20
-"""Boards in memory: a large one takes megabytes."""
 _SheetKey = tuple[str, str, str]
 _Totals = tuple[MetricRow, MetricRow]
 """Both aggregates of a sheet. Boards repeat their entries, so each is read once."""
@@ -59,7 +59,7 @@ def broken_boards(session: Session) -> Iterator[Violation]:
     last: dict[str, int] = {}
     totals: dict[_SheetKey, _Totals | None] = {}
     references: dict[_SheetKey, MetricRow] = {}
-    for row in session.scalars(query.execution_options(yield_per=_AT_ONCE)):
+    for row in session.scalars(query.execution_options(yield_per=1)):
         subject = f"{row.phase_id}/{row.number}"
         if row.number != last.get(row.phase_id, 0) + 1:
             yield Violation("board number skipped", subject, "a board is missing before it")
@@ -113,7 +113,7 @@ def _faults(
 
 def _digests(body: str) -> tuple[str, str]:
     """Return the digests of a recorded text, which lacks fields that boards of later releases have."""
-    said = json.loads(body)
+    said = from_json(body)
     del said["board"], said["published_at"]
     return bytes_digest(body.encode()), content_digest(said)
 
@@ -152,6 +152,7 @@ def _reference_faults(
 def _rank_faults(board: Board) -> Iterator[tuple[str, str]]:
     """Ranks are 1, 2, 2, 4: each is one more than the number of entries above it."""
     ranked = [entry.rank for entry in board.entries if entry.rank is not None]
+    in_order = sorted(ranked)
     for entry in board.entries:
         if entry.rank is None:
             continue
@@ -159,9 +160,9 @@ def _rank_faults(board: Board) -> Iterator[tuple[str, str]]:
             yield "rank without a score", str(entry.submission_id)
         if entry.source != "scored":
             yield "rank of an unscored row", entry.method
-        if entry.rank != 1 + sum(other < entry.rank for other in ranked):
+        if entry.rank != 1 + bisect_left(in_order, entry.rank):
             yield "ranks do not follow", f"{entry.submission_id} has rank {entry.rank}"
-    if ranked != sorted(ranked):
+    if ranked != in_order:
         yield "ranks do not follow", "entries stand out of order"
 
 
@@ -229,7 +230,8 @@ def violations(session: Session) -> list[Violation]:
     found: list[Violation] = []
     for rule in rules:
         try:
-            found.extend(rule(session))
+            with collector_at_rest():
+                found.extend(rule(session))
         except (AttributeError, LookupError, TypeError, ValueError) as error:
             subject = rule.__name__.strip("_").replace("_", " ")
             text = f"{type(error).__name__}: mend the rows that cannot be read, then look again"

@@ -4,11 +4,13 @@ What is withheld is not in it: splits stay where the workers have them, and the 
 store is made again from uploads and splits.
 """
 
+import gzip
 import io
 import json
 import os
 import tarfile
 import tempfile
+import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
@@ -16,6 +18,7 @@ from pathlib import Path
 from typing import IO, Literal
 
 from pydantic import Field
+from sqlalchemy import Table
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.log import verify_audit
@@ -37,13 +40,15 @@ from exceptiondrive_records.submissions.file_store import FileDamaged, FileStore
 from exceptiondrive_schemas.base import Document
 
 LIMIT_BYTES = 2**30
+_LEVEL = 4
+"""Of rows; uploads are packed already."""
 _HEAD = "backup.json"
 
 
 class BackupHead(Document):
     """What a backup says of itself; its first member."""
 
-    format: Literal["exceptiondrive.backup/1"]
+    format: Literal["exceptiondrive.backup/2"]
     created_at: str
     schema_revision: str
     columns: dict[str, list[str]]
@@ -78,7 +83,7 @@ def write_backup(
                 _add(archive, _HEAD, head.model_dump_json(indent=1).encode())
                 for table in dumped_tables():
                     rows = dump_rows(session, table)
-                    _add_lines(archive, f"records/{table.name}.jsonl", rows, path.parent)
+                    _add_lines(archive, _member(table), rows, path.parent)
             for digest in kept:  # files never change: they need no snapshot
                 data = files.read(digest, limit_bytes=LIMIT_BYTES)
                 _add(archive, f"files/{digest.removeprefix('sha256:')}", data)
@@ -121,7 +126,8 @@ def restore_backup(path: Path, database_url: str, files: FileStore) -> BackupHea
             f"{error} No row was restored. This user needs room, and the right to write, where "
             "EXCEPTIONDRIVE_FILE_STORE_URL says: in a new folder, as those of a former one are another's."
         ) from None
-    except (tarfile.TarError, KeyError) as error:  # the latter where a table is missing
+    except (tarfile.TarError, KeyError, EOFError, zlib.error, gzip.BadGzipFile) as error:
+        # KeyError: a table is missing
         raise BackupError(f"{path} is not a whole backup: {error}") from None
     except OSError as error:
         raise BackupError(f"{path} cannot be restored: {error.strerror or error}") from None
@@ -145,7 +151,7 @@ def _head(session: Session, n_files: int, without: list[str]) -> BackupHead:
             "records; restore an earlier backup (docs/operating.md)"
         )
     return BackupHead(
-        format="exceptiondrive.backup/1",
+        format="exceptiondrive.backup/2",
         created_at=database_now(session).isoformat(),
         schema_revision=newest_revision(),
         columns={table.name: column_names(table) for table in dumped_tables()},
@@ -165,7 +171,9 @@ def _read_head(archive: tarfile.TarFile) -> BackupHead:
         document = json.load(stream)
         head = BackupHead.model_validate(document)
     except (ValueError, RecursionError):
-        raise BackupError("the head of the backup cannot be read") from None
+        raise BackupError(
+            "the head of the backup cannot be read; one of an earlier version is restored by that version"
+        ) from None
     if head.schema_revision != newest_revision():
         raise BackupError(
             f"the backup has schema {head.schema_revision}, this version has {newest_revision()}: "
@@ -210,9 +218,10 @@ def _require_empty(session: Session) -> None:
 def _restore_rows(archive: tarfile.TarFile, session: Session, head: BackupHead) -> None:
     _require_empty(session)
     for table in dumped_tables():
-        stream = archive.extractfile(f"records/{table.name}.jsonl")
+        stream = archive.extractfile(_member(table))
         assert stream is not None
-        load_rows(session, table, io.TextIOWrapper(stream, encoding="utf-8"))
+        with gzip.open(stream, "rt", encoding="utf-8") as rows:
+            load_rows(session, table, rows)
     session.flush()
     verdict = verify_audit(session)
     if (verdict.n_lines, verdict.head) != (head.audit_lines, head.audit_head):
@@ -221,6 +230,10 @@ def _restore_rows(archive: tarfile.TarFile, session: Session, head: BackupHead) 
     if broken:
         lines = "\n".join(str(violation) for violation in broken[:20])
         raise BackupError(f"the backup holds what must never be:\n{lines}")
+
+
+def _member(table: Table) -> str:
+    return f"records/{table.name}.jsonl.gz"
 
 
 def _add(archive: tarfile.TarFile, name: str, data: bytes) -> None:
@@ -232,8 +245,8 @@ def _add(archive: tarfile.TarFile, name: str, data: bytes) -> None:
 def _add_lines(archive: tarfile.TarFile, name: str, lines: Iterator[str], folder: Path) -> None:
     """Add a table, which lies in `folder` first: a container's /tmp is memory, and small."""
     with tempfile.TemporaryFile(dir=folder) as spooled:
-        for line in lines:
-            spooled.write(line.encode("utf-8") + b"\n")
+        with gzip.open(spooled, "wt", _LEVEL, encoding="utf-8") as packed:
+            packed.writelines(f"{line}\n" for line in lines)
         member = tarfile.TarInfo(name)
         member.size, member.mode = spooled.tell(), 0o600
         spooled.seek(0)

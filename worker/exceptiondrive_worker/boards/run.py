@@ -1,8 +1,6 @@
 """The board run: rank the scored entries of a phase under a protocol into a new snapshot."""
 
-import gc
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from itertools import zip_longest
@@ -15,7 +13,7 @@ from exceptiondrive_records.boards.boards import (
     latest_board,
     publish_board,
 )
-from exceptiondrive_records.boards.documents import entries_of, entry_documents
+from exceptiondrive_records.boards.documents import collector_at_rest, entries_of, entry_documents
 from exceptiondrive_records.boards.standings import entries_for_board, whole_sheets
 from exceptiondrive_records.phases.phases import find_phase
 from exceptiondrive_records.phases.scoring_keys import ScoringKey
@@ -71,7 +69,7 @@ def build_board(context: WorkerContext, claimed: BoardRequest) -> None:
     phase_id = claimed.phase_id
     where = {"job": claimed.subject, "phase": phase_id}
     try:
-        with _collector_at_rest():
+        with collector_at_rest():
             board, drawable, like = _board(context, claimed)
             late = _late_board(context, claimed)
             with context.database.write() as session:
@@ -88,19 +86,6 @@ def build_board(context: WorkerContext, claimed: BoardRequest) -> None:
     draw_protocol(context, claimed.protocol_digest)
     draw_entries(context, drawable)
     compare_submissions(context, phase_id, like)
-
-
-@contextmanager
-def _collector_at_rest() -> Iterator[None]:
-    """Let the collector of cycles rest while many objects are made that stay to the end.
-
-    It goes through all of them whenever they are a quarter more: of 10,000 entries a fifth of the time.
-    """
-    gc.disable()
-    try:
-        yield
-    finally:
-        gc.enable()
 
 
 def with_previous_ranks(
