@@ -146,7 +146,7 @@ def export(organizer: Organizer, phase_id: PhaseArgument, output: options.Output
 
 @with_organizer
 def list_reported(organizer: Organizer, phase_id: PhaseArgument) -> Answer:
-    """List the imported boards beside a phase, withdrawn ones too, newest first."""
+    """List the boards of elsewhere beside a phase, withdrawn ones too, newest first."""
     found = organizer.reported_boards(phase_id)
     lines = [{**one, "n_rows": len(one["rows"])} for one in found]
     columns = ("id", "title", "n_rows", "imported_at", "withdrawn_at")
@@ -164,7 +164,7 @@ def import_reported(
     title: Annotated[str, option("--title", "TEXT", "What the other board is called.")],
     cite: Annotated[str, option("--cite", "TEXT", "Where it is: address or citation.")],
 ) -> Answer:
-    """Import the rows of an external board beside a phase, unranked: all of them, or none."""
+    """Import the rows of another board beside a phase, unranked: all of them, or none."""
     text = options.given_file(file).text()
     made = organizer.import_reported(phase_id, text, title, cite)
     return made, f"{counted(len(made['rows']), 'row')} imported as {made['id']}, ranked nowhere"
@@ -177,7 +177,7 @@ def withdraw_reported(
     reported_id: Annotated[str, argument("IMPORT", "Id of the import: see `reported`.")],
     reason: options.Reason,
 ) -> Answer:
-    """Remove the rows of an external board from a phase; they can be imported again."""
+    """Remove the rows of another board from a phase; they can be imported again."""
     gone = organizer.withdraw_reported(phase_id, reported_id, reason)
     return gone, f"{gone['title']} withdrawn"
 
