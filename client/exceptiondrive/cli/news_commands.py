@@ -89,7 +89,7 @@ def answer_question(
         bool, flag("--to-all", "Question and answer become news, without the team's name.")
     ] = False,
 ) -> Answer:
-    """Answer a question, once: to the team alone, or to all."""
+    """Answer a question, once: to the team only, or to all."""
     answered = organizer.answer_question(question_id, text, to_all=to_all)
     return answered, "answered to " + ("all" if to_all else "the team")
 

@@ -94,7 +94,7 @@ def with_parameters(
     return command
 
 
-_USUAL_PHASE = "Id of the phase; else EXCEPTIONDRIVE_PHASE, else that of `config`."
+_USUAL_PHASE = "Id of the phase; else EXCEPTIONDRIVE_PHASE, else the one in `config`."
 Json = Annotated[
     bool, typer.Option("--json", callback=remember_json, help="One JSON document on stdout.")
 ]

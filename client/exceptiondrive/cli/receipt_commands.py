@@ -15,7 +15,7 @@ from exceptiondrive.errors import InvalidArgumentError, utc_text
 from exceptiondrive.receipts import remember_keys, verify_receipt
 from exceptiondrive_schemas.printable import printable
 
-Output = Annotated[Path | None, options.output("Else stdout.")]
+Output = Annotated[Path | None, options.output("Output file; else stdout.")]
 
 
 def get(

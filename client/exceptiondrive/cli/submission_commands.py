@@ -269,7 +269,9 @@ def edit(
 def download(
     client: "Client",
     submission_id: options.SubmissionId,
-    output: Annotated[Path | None, options.output("Else ID.json or ID.json.gz.")] = None,
+    output: Annotated[
+        Path | None, options.output("Output file; else ID.json or ID.json.gz.")
+    ] = None,
 ) -> Answer:
     """Download the team's own upload, exactly as it was sent."""
     data = client.download(submission_id)

@@ -141,7 +141,7 @@ def create_team(
 
 @with_organizer
 def approve_team(organizer: Organizer, team_id: options.TeamId) -> Answer:
-    """Let a team that registered itself submit."""
+    """Approve a team that registered itself, so that it can submit."""
     team = organizer.approve_team(team_id)
     return team, f"team {team['id']} approved"
 
@@ -207,7 +207,9 @@ def restore_submission(
 def write_about(
     organizer: Organizer,
     submission_id: options.SubmissionId,
-    words: Annotated[str, options.text("--words", "What the team is told; no address shows.")],
+    words: Annotated[
+        str, options.text("--words", "The message; the team's addresses are not shown.")
+    ],
 ) -> Answer:
     """Send its team a message about it: to its inbox and every confirmed address."""
     notice = organizer.write_about(submission_id, words)

@@ -76,7 +76,7 @@ def start(
 ) -> Answer:
     """Draft a run and begin to score in the background; the board does not change.
 
-    A worker tries the split first: where it cannot be scored, the run stays a draft.
+    A worker tries the split first; if it cannot be scored, the run stays a draft.
     """
     run = rescoring.draft(phase, protocol, split_revision, reason)
     if not draft:
@@ -106,7 +106,7 @@ def _start_when_tried(rescoring: Rescoring, run: RunView, reason: str) -> RunVie
 
 def status(
     run_id: Annotated[
-        str | None, argument("[RUN]", "Else all runs.", offer=completion.runs)
+        str | None, argument("[RUN]", "Id of a run; else all runs.", offer=completion.runs)
     ] = None,
     phase: options.Phase = None,
     watch: WatchOption = False,
