@@ -55,7 +55,7 @@ def _shared_options(
         ),
     ] = None,
     limit: Annotated[
-        int | None, typer.Option(min=1, help="Ask at most so many samples, to try it out.")
+        int | None, typer.Option(min=1, help="Ask at most this many samples, to try it out.")
     ] = None,
     concurrency: Annotated[int, typer.Option(min=1, max=256, help="Samples in flight.")] = 4,
     requests_per_minute: Annotated[
@@ -136,7 +136,7 @@ def remind(
 ) -> "RunReport":
     """Write a risk reminder per sample: images and the public taxonomy in, a record out.
 
-    Finished samples are skipped, so the same command goes on after an interruption and asks failed
+    Finished samples are skipped, so the same command continues after an interruption and asks failed
     samples again. What cannot be read or validated is null, with the reason in the journal.
     """
     from exceptiondrive_agent import run
@@ -152,7 +152,7 @@ def decide(
     base_url: BaseUrl,
     model: Model,
     reminders: Annotated[
-        Path | None, typer.Option(help="Journal of `remind`; without it the baseline is asked.")
+        Path | None, typer.Option(help="Journal of `remind`; without it, the baseline runs.")
     ] = None,
     attach_reminders: Annotated[
         bool, typer.Option("--attach-reminders", help="Put the records into the file.")
@@ -165,7 +165,7 @@ def decide(
     """Choose a strategy per sample, with or without reminders, and write a strategy submission.
 
     Both settings send the same images and the same instructions; the reminder is one more text.
-    Samples without a valid answer are null. The same command goes on after an interruption.
+    Samples without a valid answer are null. The same command continues after an interruption.
     """
     from exceptiondrive_agent import run
 

@@ -137,31 +137,31 @@ class CheckReport(Document):
 
 
 MESSAGES: Mapping[FaultCode, str] = {
-    FaultCode.FILE_TOO_LARGE: "The file is larger than an upload may be: compress it with gzip "
+    FaultCode.FILE_TOO_LARGE: "The file is larger than the upload limit: compress it with gzip "
     "and write no more than four decimals.",
     FaultCode.EMPTY_FILE: "The file is empty: check that your program finished writing it.",
-    FaultCode.WRONG_FILE_KIND: "The file is of another kind: send JSON, plain or gzip-compressed.",
+    FaultCode.WRONG_FILE_KIND: "The file is of the wrong kind: send JSON, plain or gzip-compressed.",
     FaultCode.DAMAGED_GZIP: "The gzip data is damaged: compress the JSON file again, as one gzip "
-    "stream with nothing behind it.",
-    FaultCode.INFLATES_TOO_LARGE: "The file inflates to more than is accepted: write only the "
+    "stream with nothing after it.",
+    FaultCode.INFLATES_TOO_LARGE: "The file inflates to more than the limit: write only the "
     "samples of the split, with no more than four decimals.",
     FaultCode.BYTE_ORDER_MARK: "The file begins with a byte order mark: save it as UTF-8 without "
     "one.",
     FaultCode.NOT_UTF8: "The file is not UTF-8 text: save it as UTF-8.",
-    FaultCode.NOT_JSON: "The file is no JSON object, or not valid JSON: write it with a JSON "
-    "library.",
+    FaultCode.NOT_JSON: "The file is not a JSON object, or not valid JSON: write it with a "
+    "JSON library.",
     FaultCode.NESTED_TOO_DEEPLY: "Lists or objects are nested too deeply: write the values as "
     "the format shows them.",
     FaultCode.VALUE_TOO_LONG: "One value or prediction is longer than any legal one: write one "
     "short object per sample into the list `predictions`.",
     FaultCode.TRAILING_DATA: "Something follows the end of the JSON document: write exactly one "
     "JSON object into the file.",
-    FaultCode.DUPLICATE_KEY: "A key stands twice in one object: write every key once.",
+    FaultCode.DUPLICATE_KEY: "A key occurs twice in one object: write every key once.",
     FaultCode.UNKNOWN_KEY: "A key does not belong to the format: remove it; method, team and "
     "links travel with the upload, not in the file.",
     FaultCode.MISSING_KEY: "A key is missing: write every key; where there is no answer, its "
     "value is null.",
-    FaultCode.WRONG_TYPE: "A value has the wrong type: write texts in quotes, numbers without, "
+    FaultCode.WRONG_TYPE: "A value has the wrong type: write strings in quotes, numbers without, "
     "and lists as lists.",
     FaultCode.WRONG_SCHEMA: "The file does not name the schema that is expected here: set "
     "`schema`, or choose a phase of the right challenge.",
@@ -171,7 +171,7 @@ MESSAGES: Mapping[FaultCode, str] = {
     "split's manifest.",
     FaultCode.MISSING_SAMPLE: "A sample of the split has no prediction: write one for every "
     "sample; where there is no answer, its values are null.",
-    FaultCode.DUPLICATE_SAMPLE: "A sample stands twice: write one prediction per sample.",
+    FaultCode.DUPLICATE_SAMPLE: "A sample occurs twice: write one prediction per sample.",
     FaultCode.WRONG_WAYPOINT_COUNT: "A trajectory has the wrong number of waypoints: write "
     "exactly those that the protocol asks for, without t = 0; nothing is padded or cut.",
     FaultCode.WRONG_WAYPOINT_SHAPE: "A waypoint is not a pair of numbers: write [x, y].",

@@ -26,11 +26,11 @@ TOKEN_COLUMNS = (
 
 
 def login(server: options.Server = None) -> None:
-    """Keep a team token for a server.
+    """Store a team token for a server.
 
-    The file is readable by you alone. Asks for the token on a terminal; elsewhere reads one line
-    of stdin. It is tried before it is kept. A token is never an option: it would stand in the
-    shell's history.
+    Only you can read the file. On a terminal the command asks for the token; elsewhere it reads one
+    line of stdin. The token is tried before it is stored. It is never an option, because it would
+    appear in the shell's history.
     """
     address = find_server(server)
     token = _read_token(address)
@@ -102,7 +102,7 @@ def create_token(
     ] = None,
     expires_at: options.ExpiresAt = None,
 ) -> Answer:
-    """Issue a token of your team; it is shown this once."""
+    """Issue a token for your team; it is shown only once."""
     for each in scope or ():
         require_one_of("--scope", each, SCOPES)
     issued = tokens.create(name, scope, expires_at)
@@ -112,12 +112,12 @@ def create_token(
 def rotate_token(
     token_id: TokenId,
     keep_days: Annotated[
-        int, typer.Option("--keep-days", min=0, max=90, help="The old one works on so long.")
+        int, typer.Option("--keep-days", min=0, max=90, help="How long the old one keeps working.")
     ] = 7,
     server: options.Server = None,
     json: options.Json = False,
 ) -> None:
-    """Issue the successor of a token; it is shown this once."""
+    """Issue the successor of a token; it is shown only once."""
     with _open_tokens(server) as tokens:
         issued = tokens.rotate(token_id, keep_days=keep_days)
     show_result(issued, json, issued["token"])

@@ -32,16 +32,16 @@ def leaderboard(
     phase: options.DefaultPhase = None,
     challenge: Annotated[
         str | None,
-        one_of("--challenge", CHALLENGES, "Its first phase; where no phase is meant."),
+        one_of("--challenge", CHALLENGES, "Its first phase, if no phase is given."),
     ] = None,
     protocol: Annotated[
         str | None, option("--protocol", "V", "Version; else the one in force.")
     ] = None,
     as_of: Annotated[
-        str | None, option("--as-of", "TIME", "As it stood then: 2026-11-21[T18:00:00Z].")
+        str | None, option("--as-of", "TIME", "As it was at that time: 2026-11-21[T18:00:00Z].")
     ] = None,
     number: Annotated[
-        int | None, option("--board", "N", "That of this number, as a citation names it.")
+        int | None, option("--board", "N", "The board with this number, as in a citation.")
     ] = None,
     sort: Annotated[
         str | None,
@@ -53,7 +53,7 @@ def leaderboard(
         ),
     ] = None,
     view: Annotated[
-        str | None, one_of("--view", VIEWS, "late: with what came after the deadline.")
+        str | None, one_of("--view", VIEWS, "late: with the entries that came after the deadline.")
     ] = None,
     server: options.Server = None,
     json: options.Json = False,

@@ -35,16 +35,16 @@ def config(
         ),
     ] = None,
     value: Annotated[
-        str | None, argument("[VALUE]", "Keep it as the usual one.", offer=_complete_value)
+        str | None, argument("[VALUE]", "Set it as the usual one.", offer=_complete_value)
     ] = None,
-    unset: Annotated[bool, flag("--unset", "Take it out of the file.")] = False,
+    unset: Annotated[bool, flag("--unset", "Remove it from the file.")] = False,
     json: options.Json = False,
 ) -> None:
-    """Show or keep the usual server and phase.
+    """Show or set the usual server and phase.
 
-    An option comes first, then EXCEPTIONDRIVE_SERVER and EXCEPTIONDRIVE_PHASE, then config.toml,
-    which this command writes; for the server then what `login` kept. Shown is what holds, and where
-    it was found.
+    Options take precedence, then EXCEPTIONDRIVE_SERVER and EXCEPTIONDRIVE_PHASE, then config.toml,
+    which this command writes, and for the server the one of the last `login`. The command shows
+    each value in use and where it was found.
     """
     if name is None:
         _show_all(json)

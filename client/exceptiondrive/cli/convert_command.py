@@ -48,7 +48,7 @@ def convert(
     ] = None,
     planner: Annotated[
         str | None,
-        one_of("--from", FORMS, f"With two runs: whose form; {', '.join(FORMS)}.", "PLANNER"),
+        one_of("--from", FORMS, f"With two runs: their format; {', '.join(FORMS)}.", "PLANNER"),
     ] = None,
     source_run: Annotated[
         list[Path] | None, option("--source-run", "FILE", "A run on the source inputs.")
@@ -70,17 +70,19 @@ def convert(
         one_of("--rotate", ROTATIONS_DEG, "Turn counter-clockwise; -90 for x right / y forward."),
     ] = None,
     mirror: Annotated[bool, flag("--mirror", "y points to the right.")] = False,
-    reverse: Annotated[bool, flag("--reverse", "The last waypoint stands first.")] = False,
+    reverse: Annotated[
+        bool, flag("--reverse", "The last waypoint comes first in the file.")
+    ] = False,
     cumulative: Annotated[bool, flag("--cumulative", "Add up increments to positions.")] = False,
     exchange: Annotated[
-        bool, flag("--exchange", "Source and edited stand the wrong way round.")
+        bool, flag("--exchange", "Source and edited are the wrong way round.")
     ] = False,
     origin_offset_m: Annotated[
         float,
         option(
             "--origin-offset-m",
             "M",
-            "The given origin lies so far ahead of the rear axle (nuScenes lidar: 0.943713 "
+            "How far the given origin is ahead of the rear axle (nuScenes lidar: 0.943713 "
             "Singapore, 0.985793 Boston).",
         ),
     ] = 0.0,
@@ -89,26 +91,26 @@ def convert(
         one_of(
             "--follows",
             FOLLOWED,
-            "Whose path the waypoints are: of that origin, or of the rear axle.",
+            "The waypoints are the path of that origin, or of the rear axle.",
         ),
     ] = "sensor",
     time_step_s: Annotated[
         float | None, option("--time-step-s", "S", "Time between two given waypoints.")
     ] = None,
     truncate: Annotated[
-        bool, flag("--truncate", "Cut longer horizons; only where the time step is said.")
+        bool, flag("--truncate", "Cut longer horizons; only with --time-step-s.")
     ] = False,
     null_invalid: Annotated[
-        bool, flag("--null-invalid", "Write null for what is invalid, and list it.")
+        bool, flag("--null-invalid", "Replace invalid trajectories with null, and list them.")
     ] = False,
     protocol: options.ProtocolOption = None,
     json: options.Json = False,
 ) -> None:
-    """Make a submission of a planner's own files.
+    """Make a submission from a planner's own files.
 
-    The steps run in the order of the options. A point at t = 0 and a heading column are left out by
-    themselves; nothing is ever padded. Every step that was taken is printed, and the result is
-    checked: what is not valid is not written.
+    The steps run in the order of the options. A point at t = 0 and a heading column are dropped
+    automatically; nothing is ever padded. Every step taken is printed. The result is checked, and
+    nothing invalid is written.
     """
     rules = given_protocol(protocol)
     require_one_of("--rotate", rotate, ROTATIONS_DEG)

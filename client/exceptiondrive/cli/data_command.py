@@ -26,8 +26,9 @@ def data(
 ) -> None:
     """Show and download what the phase's data link offers.
 
-    The licence is shown first, and asked for on a terminal; elsewhere --accept-licence says yes. What
-    broke off goes on where it stopped; every file is compared with the digest of the organizer's list.
+    The licence is shown first. On a terminal the command asks whether you accept it; elsewhere
+    --accept-licence says yes. An interrupted download is resumed, and every file is checked against
+    the digest in the organizer's list.
     """
     with open_client(server) as client:
         view = client.phase(default_phase(phase))

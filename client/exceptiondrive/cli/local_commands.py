@@ -42,16 +42,16 @@ def check(
         str | None, option("--method", "NAME", "With a phase: say which entry it replaces.")
     ] = None,
     protocol: options.ProtocolOption = None,
-    name_all: Annotated[bool, flag("--all", "Name every sample that has a fault.")] = False,
+    name_all: Annotated[bool, flag("--all", "List every sample that has a fault.")] = False,
     server: options.Server = None,
     json: options.Json = False,
 ) -> None:
     """Check a file, list every fault, and say what it looks like.
 
     The checker is the server's own. Sample ids are checked against --split, --manifest or the
-    phase, the last two say of which challenge the file must be, too; without any of them only the
-    form is checked. With a phase it is said what an upload would do: whether it would rank, and
-    with --method which entry of the team it takes the place of.
+    phase; the last two also say which challenge the file must be for. Without any of them only the
+    form is checked. With a phase, the command also says what an upload would do: whether it would
+    rank, and with --method which of the team's entries it would replace.
     """
     given = options.given_file(file, context)
     if split is None and manifest is None:
@@ -123,10 +123,10 @@ def evaluate(
 ) -> None:
     """Score a file on this machine.
 
-    It is done exactly as the worker does it, under the protocol of the phase, else --protocol, else
-    the usual one; below stands whether it would be ranked under it. The table is rounded as the board is; --json prints
-    the exact score sheet. Needs the extra `evaluate` (numpy) and a split with regions: see `split
-    download`.
+    The score is computed exactly as by the worker, under the protocol of the phase, else --protocol,
+    else the usual one. Below the table it says whether the file would be ranked. The table is rounded
+    as the board is; --json prints the exact score sheet. Needs the extra `evaluate` (numpy) and a
+    split with regions: see `split download`.
     """
     if per_sample is not None and not per_sample.name.endswith(TABLES):
         raise InvalidArgumentError(
@@ -179,8 +179,8 @@ def plot(
     """Draw samples: trajectories, footprints, tube, region, clearance.
 
     One sample fills the picture; several make a contact sheet. Shapes and numbers come from the
-    scoring code itself. An .svg follows light and dark. Needs the extra `evaluate`, for a .png
-    `plot`, and a split with regions: see `split download`.
+    scoring code itself. An .svg adapts to light and dark mode. Needs the extra `evaluate`, for a
+    .png also `plot`, and a split with regions: see `split download`.
     """
     from exceptiondrive.plot import plot_file
 

@@ -21,7 +21,7 @@ def ask(
     text: Annotated[str, argument("TEXT", "The question.")],
     phase: options.DefaultPhase = None,
 ) -> Answer:
-    """Ask the organizers about a phase; the answer comes into the team's notices."""
+    """Ask the organizers about a phase; the answer appears in the team's notices."""
     phase = default_phase(phase)
     asked = client.ask(text, phase)
     return asked, f"asked; `exceptiondrive questions --phase {phase}` shows the answer"
@@ -57,7 +57,7 @@ def publish_news(
     title: Annotated[str, option("--title", "TEXT", "One line.")],
     text: Annotated[str, options.text("--text", "Markdown.")],
 ) -> Answer:
-    """Announce something of a phase: on its page, in its feed, in the inbox of every team."""
+    """Publish news of a phase: on its page, in its feed, and to the inbox of every team."""
     published = organizer.publish_news(phase, title, text)
     return published, f"news {published['id']} published"
 
@@ -68,14 +68,14 @@ def withdraw_news(
     news_id: Annotated[str, argument("ID", "Id of the news.")],
     reason: options.Reason,
 ) -> Answer:
-    """Take news from page and feed; what teams were told stays told."""
+    """Remove news from page and feed; the messages that teams got stay."""
     gone = organizer.withdraw_news(news_id, reason)
     return gone, f"news {gone['id']} withdrawn"
 
 
 @with_organizer
 def list_questions(organizer: "Organizer", phase: options.Phase = None) -> Answer:
-    """List the questions of all teams, those that wait first."""
+    """List the questions of all teams, waiting ones first."""
     columns = ("id", "team", "phase", "text", "asked_at", "answered_at")
     return listed(organizer.questions(phase), columns)
 
@@ -89,7 +89,7 @@ def answer_question(
         bool, flag("--to-all", "Question and answer become news, without the team's name.")
     ] = False,
 ) -> Answer:
-    """Answer a question, once: to the team alone, or to all."""
+    """Answer a question, once: to the team only, or to all."""
     answered = organizer.answer_question(question_id, text, to_all=to_all)
     return answered, "answered to " + ("all" if to_all else "the team")
 

@@ -23,7 +23,7 @@ Wishes = Annotated[
     option(
         "--tell",
         "WHAT",
-        f"As often as needed: {', '.join(WISHES)}; or none.",
+        f"May be repeated: {', '.join(WISHES)}; or none.",
         offer=choices(*WISHES, "none"),
     ),
 ]
@@ -33,11 +33,11 @@ ContactId = Annotated[str, argument("ID", "Id, from `contacts list`.")]
 @with_client
 def notices(
     client: "Client",
-    unread: Annotated[bool, flag("--unread", "Only what was not read yet.")] = False,
+    unread: Annotated[bool, flag("--unread", "Only unread ones.")] = False,
     read: Annotated[bool, flag("--read", "Mark what is shown as read.")] = False,
-    limit: Annotated[int, option("--limit", "N", "At most so many.", min=1)] = 20,
+    limit: Annotated[int, option("--limit", "N", "Show at most N.", min=1)] = 20,
 ) -> Answer:
-    """Show what the team was told, newest first."""
+    """Show the team's notices, newest first."""
     found = client.notices(unread=unread, limit=limit)
     if read:
         for notice in found:
@@ -47,7 +47,7 @@ def notices(
 
 @with_client
 def list_contacts(client: "Client") -> Answer:
-    """List where the team is told, and what became of the newest message there."""
+    """List the team's addresses, and what became of the newest message to each."""
     found = client.contacts()
     rows = [{**each, "last_message": _last_message(each)} for each in found]
     nowhere = "no addresses: the team is told in its inbox alone"
@@ -60,9 +60,9 @@ def add(
     address: Annotated[str, argument("ADDRESS", "E-mail address, or https of a webhook.")],
     tell: Wishes = None,
 ) -> Answer:
-    """Be told at an address, of protocol updates unless --tell says what.
+    """Add an address for notices, of protocol updates unless --tell says otherwise.
 
-    Somebody who reads at an e-mail address has to confirm it. The secret of a webhook is shown once.
+    The owner of an e-mail address has to confirm it. The secret of a webhook is shown once.
     """
     contact = client.add_contact(address, _parse_wishes(tell) or ("updates",))
     words = (
@@ -82,7 +82,7 @@ def tell(
         argument("WHAT...", f"{', '.join(WISHES)}; or none.", offer=choices(*WISHES, "none")),
     ],
 ) -> Answer:
-    """Set what an address is told of."""
+    """Choose which notices an address gets."""
     contact = client.set_wishes(contact_id, _parse_wishes(what))
     told = ", ".join(contact["wishes"]) or "nothing"
     return contact, f"{contact['address']} is told of: {told}"
@@ -90,7 +90,7 @@ def tell(
 
 @with_client
 def remove(client: "Client", contact_id: ContactId) -> Answer:
-    """Be told no longer at an address."""
+    """Remove an address: it gets no more notices."""
     contact = client.remove_contact(contact_id)
     return contact, f"{contact['address']} is told nothing more"
 

@@ -94,7 +94,7 @@ def with_parameters(
     return command
 
 
-_USUAL_PHASE = "Id of the phase; else EXCEPTIONDRIVE_PHASE, else that of `config`."
+_USUAL_PHASE = "Id of the phase; else EXCEPTIONDRIVE_PHASE, else the one in `config`."
 Json = Annotated[
     bool, typer.Option("--json", callback=remember_json, help="One JSON document on stdout.")
 ]
@@ -104,10 +104,10 @@ Server = Annotated[
     option(
         "--server",
         "URL",
-        "Address of the server; else EXCEPTIONDRIVE_SERVER, `config`, what login kept.",
+        "Server address; else EXCEPTIONDRIVE_SERVER, `config` or the last login.",
     ),
 ]
-Output = Annotated[Path | None, output("Else named by what it is.")]
+Output = Annotated[Path | None, output("Output file; else named after its content.")]
 
 
 def given_file(file: Path, context: typer.Context | None = None) -> GivenFile:
@@ -148,5 +148,5 @@ ExpiresAt = Annotated[str | None, option("--expires-at", "TIME", "2027-01-31T00:
 FactsFile = Annotated[Path | None, option("--facts", "FILE", "JSON file of the method's facts.")]
 Fact = Annotated[
     list[str] | None,
-    option("--fact", "KEY=VALUE", "One fact, as often as needed: sensors=lidar,radar."),
+    option("--fact", "KEY=VALUE", "One fact, such as sensors=lidar,radar; may be repeated."),
 ]

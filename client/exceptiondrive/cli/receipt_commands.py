@@ -15,13 +15,13 @@ from exceptiondrive.errors import InvalidArgumentError, utc_text
 from exceptiondrive.receipts import remember_keys, verify_receipt
 from exceptiondrive_schemas.printable import printable
 
-Output = Annotated[Path | None, options.output("Else stdout.")]
+Output = Annotated[Path | None, options.output("Output file; else stdout.")]
 
 
 def get(
     submission_id: options.SubmissionId, output: Output = None, server: options.Server = None
 ) -> None:
-    """Fetch the signed receipt of a scored submission, or of anybody's entry on a board.
+    """Fetch the signed receipt of a scored submission, or of anyone's entry on a board.
 
     The server's public keys are remembered on this machine, for `receipt verify`.
     """
@@ -56,7 +56,7 @@ def verify(
 ) -> None:
     """Check a receipt on this machine, without the server, and say which server's key signed it.
 
-    Exit code 2 if a field was altered, and its name on stderr.
+    If a field was altered, the exit code is 2 and stderr names the field.
     """
     verdict = verify_receipt(file, keys=key)
     said = verdict.receipt.statement

@@ -50,7 +50,7 @@ def download(
 ) -> Answer:
     """Fetch a development split for `evaluate`.
 
-    With its hazard regions, which only a development split gives away.
+    The file contains its hazard regions, which are public only for a development split.
     """
     with transfer_bar("downloading", name) as bar:
         found = client.split(name, revision=revision, on_progress=bar)

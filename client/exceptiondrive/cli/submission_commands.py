@@ -94,14 +94,14 @@ def submit(
 ) -> None:
     """Check a file, say what an upload will do, then upload it.
 
-    Before anything is sent it is said what the file looks like, whether it replaces an entry of the
-    team, and why it would not be ranked; on a terminal you are asked, elsewhere --replace and
-    --allow-unranked say yes. With --wait it is followed until it is ranked. The same bytes again
-    give the first submission back and cost no quota, unless it was withdrawn; to change what is said
-    of them, use edit.
+    Before anything is sent, the command says what the file looks like, whether it replaces an entry
+    of the team, and why it would not be ranked. On a terminal it asks; elsewhere --replace and
+    --allow-unranked say yes. With --wait it follows the submission to its rank. The same bytes again
+    give the first submission back and cost no quota, unless it was withdrawn; to change its name,
+    links or facts, use edit.
 
     Facts of the method, all optional: type, sensors, map, extra_data, open_code, open_weights,
-    parameters_millions, hardware, time_per_sample_s. Those of its last run stay if none are given.
+    parameters_millions, hardware, time_per_sample_s. If you give none, those of its last run stay.
     """
     told = facts_of_pairs(fact or (), facts)
 
@@ -197,8 +197,8 @@ def _asking_first(
 def status(client: "Client", submission_id: options.SubmissionId) -> Answer:
     """Show one submission.
 
-    Where it stands, and then its score or its faults.
-    Exit code 0 whenever it could be shown, whatever its status.
+    The command shows its status, and then its score or its faults.
+    The exit code is 0 whenever it could be shown, whatever its status.
     """
     view = client.status(submission_id, profile=True)
     return view, submission_view(view, client.page_url(view.id))
@@ -212,7 +212,7 @@ def submissions(
         str | None,
         one_of("--status", SubmissionStatus, f"Only {', '.join(SubmissionStatus)}.", "STATUS"),
     ] = None,
-    limit: Annotated[int, option("--limit", "N", "At most so many.", min=1)] = 100,
+    limit: Annotated[int, option("--limit", "N", "Show at most N.", min=1)] = 100,
 ) -> Answer:
     """List the team's submissions, newest first; those of all teams with an organizer's token."""
     options.require_one_of("--status", only, SubmissionStatus)
@@ -251,8 +251,8 @@ def edit(
 ) -> Answer:
     """Change name, links, description or facts of a submission; without options, list its changes.
 
-    Score, time and quota stay as they are. Boards that were published keep the old name. With the name
-    of another method of the team both become one, of which one run stands: on a terminal it asks.
+    Score, time and quota stay as they are. Published boards keep the old name. If you give the name
+    of another of the team's methods, the two are merged, and one run counts: on a terminal it asks.
     """
     words = {"method": method, "description": description, "paper": paper, "code": code}
     said: dict[str, Any] = {name: value for name, value in words.items() if value is not None}
@@ -269,9 +269,11 @@ def edit(
 def download(
     client: "Client",
     submission_id: options.SubmissionId,
-    output: Annotated[Path | None, options.output("Else ID.json or ID.json.gz.")] = None,
+    output: Annotated[
+        Path | None, options.output("Output file; else ID.json or ID.json.gz.")
+    ] = None,
 ) -> Answer:
-    """Get the team's own upload again, bit by bit."""
+    """Download the team's own upload, exactly as it was sent."""
     data = client.download(submission_id)
     return save_new(output or Path(upload_name(client.id_of(submission_id), data)), data)
 
@@ -282,8 +284,8 @@ def withdraw(
 ) -> Answer:
     """Take a submission off the board; on a terminal it asks first.
 
-    It stays in the team's own list; until the deadline the run of the method that it had replaced
-    stands again.
+    It stays in the team's own list. Until the deadline, the run of the method that it had replaced
+    counts again.
     """
     try:
         asked = client.status(submission_id)
@@ -323,16 +325,16 @@ def choose(
     client: "Client",
     submission_id: options.SubmissionId,
     best: Annotated[
-        bool, flag("--best", "Let the best run of its method stand, not this one.")
+        bool, flag("--best", "Let the best run of its method count, not this one.")
     ] = False,
     newest: Annotated[
-        bool, flag("--newest", "Let the newest run of its method stand again.")
+        bool, flag("--newest", "Let the newest run of its method count again.")
     ] = False,
 ) -> Answer:
-    """Say which run stands, in a phase that lets teams choose.
+    """Choose which run counts, in a phase that lets teams choose.
 
-    The last word before the deadline counts; until then it is the newest scored one. In a phase that
-    shows one entry of each team it stands for the team, else for its method.
+    The last choice before the deadline is final; without one, the newest scored run counts. In a
+    phase that shows one entry of each team the choice is for the team, else for the method.
     """
     if best and newest:
         raise InvalidArgumentError("wrong_option", "Choose one of --best and --newest.")
@@ -353,7 +355,7 @@ def publish(
 ) -> Answer:
     """Put an entry on the board of a phase that keeps entries private.
 
-    Where another run of its method is public, it asks on a terminal.
+    If another run of its method is public, it asks on a terminal.
     """
     if undo:
         view = client.unpublish(submission_id)

@@ -41,7 +41,7 @@ class PhasePage(Document):
         description="What a team agrees to by submitting, in Markdown.",
     )
     prize: str = Field(
-        default="", max_length=4000, title="Prize", description="What is to be won, in Markdown."
+        default="", max_length=4000, title="Prize", description="What can be won, in Markdown."
     )
     contact: str = Field(
         default="",
@@ -53,13 +53,13 @@ class PhasePage(Document):
         default="",
         max_length=500,
         title="Data",
-        description="https address of the page where scenes and edited images are had.",
+        description="https address of the page that offers scenes and edited images.",
     )
     data_licence: str = Field(
         default="",
         max_length=200,
         title="Licence of the data",
-        description="Its name, such as CC BY-NC-SA 4.0; shown before anything is downloaded.",
+        description="Name of the licence, such as CC BY-NC-SA 4.0; shown before anything is downloaded.",
     )
     data_manifest_url: str = Field(
         default="",
@@ -76,24 +76,24 @@ class PhasePolicy(Document):
     live_part: LivePart = Field(
         default="public",
         title="Live board on",
-        description="Of a split with parts: which samples the board counts until the reveal. A "
+        description="For a split with parts: which samples the board counts until the reveal. A "
         "split without parts is always whole. Fixed once there are submissions.",
     )
     revealed_part: Literal["private", "whole"] = Field(
         default="private",
         title="Revealed board on",
-        description="Of a split with parts: which samples count after the reveal. Fixed once revealed.",
+        description="For a split with parts: which samples count after the reveal. Fixed once revealed.",
     )
     late_entries: Literal["refused", "own_view"] = Field(
         default="refused",
         title="Late entries",
-        description="After the deadline: refused, or scored and ranked on a view of their own "
-        "that moves no rank of the board.",
+        description="After the deadline: refused, or scored and ranked on a separate view "
+        "that changes no rank on the board.",
     )
     freezes_at: Time | None = Field(
         default=None,
         title="Board freezes at",
-        description="From then the public board stays as it is until it is revealed.",
+        description="From then on the public board does not change until it is revealed.",
     )
     frozen_scores: Literal["shown", "hidden"] = Field(
         default="shown",
@@ -103,39 +103,39 @@ class PhasePolicy(Document):
     families_from: Time | None = Field(
         default=None,
         title="Families shown from",
-        description="Until then no family or task is shown anywhere; without it they are shown.",
+        description="Until then no family or task is shown anywhere; without a time they are shown.",
     )
     entries_shown: Literal["all", "chosen"] = Field(
         default="all",
         title="Entries on the board",
-        description="All methods, or one entry of each team: its choice, else its latest. Fixed at the "
+        description="All methods, or one entry per team: its choice, else its latest. Fixed at the "
         "deadline, and by a reveal.",
     )
     run_choice: Literal["newest", "team"] = Field(
         default="newest",
         title="Run of a method",
-        description="Which run of a method stands where all methods are shown: always its newest, or "
-        "as its team says until the deadline: newest, best or one that it chooses. Back at newest, what "
-        "teams chose is set aside, and no team is told: write to them. Fixed at the deadline, and "
-        "by a reveal.",
+        description="Which run of a method counts if all methods are shown: always its newest, or "
+        "the one that its team chooses until the deadline: newest, best or a run that it names. "
+        "Changing back to newest discards what teams chose, and no team is told: write to them. Fixed "
+        "at the deadline, and by a reveal.",
     )
     anonymous: bool = Field(
         default=False,
         title="Anonymous until revealed",
-        description="Teams and methods stand under pseudonyms until the organizers reveal them. "
+        description="Teams and methods appear under pseudonyms until the organizers reveal them. "
         "Fixed once there are submissions.",
     )
     entries_private: bool = Field(
         default=False,
         title="Private until published",
-        description="An entry stands on the board when its team publishes it. Fixed once there "
+        description="An entry appears on the board when its team publishes it. Fixed once there "
         "are submissions.",
     )
     terms_required: bool = Field(
         default=False,
         title="Terms are accepted first",
-        description="A team submits once it has accepted the terms of the phase as they stand; "
-        "after a change of them, once more. No team is told of a change: write to them.",
+        description="A team can submit only after accepting the current terms of the phase; if they "
+        "change, it must accept them again. No team is told of a change: write to them.",
     )
 
     def run_rule(self, *, has_deadline: bool) -> str:
@@ -165,21 +165,21 @@ class PhaseSettings(Document):
         default="",
         max_length=4000,
         title="Description",
-        description="What the phase asks, in Markdown; its first paragraph stands on the board.",
+        description="What the phase asks, in Markdown; the board shows its first paragraph.",
     )
     visibility: Visibility = Field(
         default="shown",
         title="Visibility",
         description="Shown to everybody; archived: listed among past phases, takes no files; "
-        "hidden: seen by organizers alone, on no page, API, export or feed.",
+        "hidden: only organizers see it, and it is on no page, API, export or feed.",
     )
     position: int | None = Field(
         default=None,
         ge=1,
         le=100_000,
         title="Position",
-        description="Phases are listed by it, those without one behind; the first that is shown "
-        "is the front page.",
+        description="Phases are listed in this order, those without a position last; the first shown "
+        "phase is the front page.",
     )
     opens_at: Time | None = Field(
         default=None, title="Opens at", description="Without it the phase is open from the start."
@@ -194,35 +194,35 @@ class PhaseSettings(Document):
         ge=1,
         le=10_000,
         title="Submissions a day",
-        description="Of a team, per UTC day. A new phase on a withheld split has 1, unless told.",
+        description="Per team and UTC day. A new phase on a withheld split has 1 by default.",
     )
     quota_total: int | None = Field(
         default=None,
         ge=1,
         le=1_000_000,
         title="Submissions in all",
-        description="Of a team; without it there is no limit. A new phase on a withheld split has 20, "
-        "unless told.",
+        description="Per team; without it there is no limit. A new phase on a withheld split has 20 "
+        "by default.",
     )
     quota_concurrent: int | None = Field(
         default=None,
         ge=1,
         le=10_000,
         title="Waiting at once",
-        description="Submissions of a team that wait for a score; without it there is no limit.",
+        description="Submissions of one team that wait for a score; without it there is no limit.",
     )
     rejected_per_day: int = Field(
         default=20,
         ge=1,
         le=10_000,
         title="Wrong files a day",
-        description="Of a team, per UTC day: files that are rejected, or that we fail to score.",
+        description="Per team and UTC day: files that are rejected, or that the server fails to score.",
     )
     shows_reported: bool = Field(
         default=False,
         title="Show the paper's results",
-        description="Whether the board leads to what the paper reports, on a page of its own, and its "
-        "document carries the paper's rows, marked as reported.",
+        description="Whether the board links to a page with the paper's results, and its "
+        "document contains the paper's rows, marked as reported.",
     )
     page: PhasePage = PhasePage()
     policy: PhasePolicy = PhasePolicy()
@@ -246,7 +246,7 @@ class NewPhase(PhaseSettings):
 
     id: str = Field(
         max_length=64,
-        description="Stands in addresses.",
+        description="Used in addresses.",
         json_schema_extra={"pattern": "^[a-z0-9][a-z0-9-]{0,63}$"},
     )
     challenge: KnownChallenge

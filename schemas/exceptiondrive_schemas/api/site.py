@@ -21,7 +21,7 @@ class SiteLinks(Document):
         default="",
         max_length=4000,
         title="Citation",
-        description="BibTeX, as papers shall cite the benchmark; it gets a page of its own.",
+        description="BibTeX with which papers cite the benchmark; it gets its own page.",
     )
     contact: str = Field(
         default="",

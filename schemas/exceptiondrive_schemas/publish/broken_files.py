@@ -113,13 +113,13 @@ HEAD = f"""# What can be wrong with a submission file
 <!-- Written by `python -m exceptiondrive_schemas.publish`; do not edit. -->
 
 `exceptiondrive check FILE --phase PHASE` (offline `--manifest M`) and the server run the same checker
-and say the same. It reads the whole file in one pass and reports every fault: a code, the place as a
-JSON path, the sample id, what was expected, what was found, and often what probably went wrong. The
-first examples of each code are listed (at most {MAX_EXAMPLES}) with the total, until reading stops at
-{MAX_FAULTS:,} faults and the report says so. A rejected file costs no quota.
+and report the same faults. It reads the whole file in one pass and reports every fault: a code, the
+place as a JSON path, the sample id, what was expected, what was found, and often what probably went
+wrong. For each code the report gives the total and the first examples (at most {MAX_EXAMPLES}). At
+{MAX_FAULTS:,} faults reading stops, and the report says so. A rejected file costs no quota.
 
-Codes are stable: scripts may rely on them. Each one stands here with the report of a file that is
-broken in just this way.
+Codes are stable: scripts may rely on them. Each one is shown here with the report of a file that has
+exactly this fault.
 
 """
 

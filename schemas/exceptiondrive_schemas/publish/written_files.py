@@ -32,11 +32,11 @@ HEAD = """# The settings of a phase
 
 <!-- Written by `python -m exceptiondrive_schemas.publish`; do not edit. -->
 
-For organizers: in the form of a phase under `/organize/phases`, in the body of
+For organizers. You can set them in the form of a phase under `/organize/phases`, in the body of
 `POST /api/v1/organizer/phases` and `PATCH .../phases/ID`, and as options of
-`exceptiondrive organizer phases create` and `update` (`closes_at` is `--closes-at`). In the API some stand
-in an object of the body: `{"title": "Final", "page": {"rules": "..."}, "policy": {"anonymous": true}}`.
-What they do together: [phases](phases.md).
+`exceptiondrive organizer phases create` and `update` (`closes_at` is `--closes-at`). In the API some belong
+to an object in the body: `{"title": "Final", "page": {"rules": "..."}, "policy": {"anonymous": true}}`.
+[Phases](phases.md) describes how they work together.
 
 | setting | in the API under | values | default | what it does |
 |---|---|---|---|---|

@@ -60,10 +60,10 @@ def diff_protocol(
     organizer: Organizer,
     file: FileArgument,
     phase: Annotated[
-        str | None, options.phase("Against the protocol this phase shows.", "ID")
+        str | None, options.phase("Compare with the protocol that this phase shows.", "ID")
     ] = None,
 ) -> Answer:
-    """Say in plain words what a document would change, and what would be repeated."""
+    """Say in plain words what a document would change, and what would have to be redone."""
     _meant_protocol(file)
     toml = given_bytes(file).text()
     found = organizer.rescoring.check_protocol(toml, phase)
@@ -77,7 +77,7 @@ def diff_protocol(
 def similar(organizer: Organizer, phase: options.PhaseId) -> Answer:
     """Show teams with equal or near-equal submissions, and teams that may be probing.
 
-    Reasons to ask a team, not proof: planners that both stand still are alike, too.
+    These are reasons to ask a team, not proof: two planners that both stand still are alike too.
     """
     report = organizer.similar(phase)
     rows = [
@@ -123,13 +123,13 @@ def create_team(
         str, option("--email", "ADDRESS", "For its notices, once somebody there confirms it.")
     ] = "",
     reference: Annotated[
-        bool, flag("--reference", "Its entries are shown and never ranked.")
+        bool, flag("--reference", "Its entries are shown but never ranked.")
     ] = False,
     with_token: Annotated[
-        bool, flag("--with-token", "Issue its first token too; shown this once.")
+        bool, flag("--with-token", "Issue its first token too; shown only once.")
     ] = False,
 ) -> Answer:
-    """Make a team."""
+    """Create a team."""
     team = organizer.create_team(
         team_id, name, affiliation=affiliation, email=email, is_reference=reference
     )
@@ -141,14 +141,14 @@ def create_team(
 
 @with_organizer
 def approve_team(organizer: Organizer, team_id: options.TeamId) -> Answer:
-    """Let a team that registered itself submit."""
+    """Approve a team that registered itself, so that it can submit."""
     team = organizer.approve_team(team_id)
     return team, f"team {team['id']} approved"
 
 
 @with_organizer
 def refuse_team(organizer: Organizer, team_id: options.TeamId, reason: options.Reason) -> Answer:
-    """Refuse a team that registered itself: it goes, with its tokens."""
+    """Refuse a team that registered itself: it is removed, with its tokens."""
     team = organizer.refuse_team(team_id, reason)
     return team, f"team {team['id']} refused"
 
@@ -164,7 +164,7 @@ def retry_submission(
 
 @with_organizer
 def show_story(organizer: Organizer, submission_id: options.SubmissionId) -> Answer:
-    """Show a submission and everything that ever happened to it.
+    """Show a submission and its whole history.
 
     Scores of all submissions are listed by `exceptiondrive submissions` with an organizer's token.
     """
@@ -188,7 +188,7 @@ def verify_submission(
     server: options.Server = None,
     json: options.Json = False,
 ) -> None:
-    """Recompute its score from the upload and demand every bit again; exit code 1 if it differs."""
+    """Recompute its score from the upload and compare every bit; exit code 1 if it differs."""
     with open_organizer(server) as organizer:
         found = organizer.verify_submission(submission_id, reason)
         rescoring.follow_verification(organizer.rescoring, found, json)
@@ -198,7 +198,7 @@ def verify_submission(
 def restore_submission(
     organizer: Organizer, submission_id: options.SubmissionId, reason: options.Reason
 ) -> Answer:
-    """Let a withdrawn submission stand again, at its old place in time."""
+    """Restore a withdrawn submission, at its original time."""
     submission = organizer.restore_submission(submission_id, reason)
     return submission, f"submission {submission['id']} is {submission['status']}"
 
@@ -207,9 +207,11 @@ def restore_submission(
 def write_about(
     organizer: Organizer,
     submission_id: options.SubmissionId,
-    words: Annotated[str, options.text("--words", "What the team is told; no address shows.")],
+    words: Annotated[
+        str, options.text("--words", "The message; the team's addresses are not shown.")
+    ],
 ) -> Answer:
-    """Tell its team something about it: in its inbox, and at every confirmed address."""
+    """Send its team a message about it: to its inbox and every confirmed address."""
     notice = organizer.write_about(submission_id, words)
     return notice, f"{notice['team']} is told: notice {notice['id']}"
 
@@ -218,7 +220,7 @@ def write_about(
 def download_upload(
     organizer: Organizer, submission_id: options.SubmissionId, output: options.Output = None
 ) -> Answer:
-    """Get the bytes that a team sent; the audit log says who had them."""
+    """Download the bytes that a team sent; the audit log records who did."""
     data = organizer.download_upload(submission_id)
     return save_new(output or Path(upload_name(organizer.id_of(submission_id), data)), data)
 
@@ -227,7 +229,7 @@ def download_upload(
 def download_story(
     organizer: Organizer, submission_id: options.SubmissionId, output: options.Output = None
 ) -> Answer:
-    """Get the whole story for a committee, as a tar: upload, receipt, records and a README."""
+    """Download the whole case for a committee, as a tar: upload, receipt, records and a README."""
     data = organizer.download_story(submission_id)
     return save_new(output or Path(f"submission-{organizer.id_of(submission_id)}.tar"), data)
 
@@ -244,7 +246,7 @@ def download_archive(
     ] = None,
     output: options.Output = None,
 ) -> Answer:
-    """Get the uploads that match as a tar; its last member, manifest.json, says what each is."""
+    """Download the matching uploads as a tar; its last member, manifest.json, describes each."""
     data = organizer.download_archive(team, phase, status)
     return save_new(output or Path("submissions.tar"), data)
 
@@ -262,7 +264,7 @@ def issue_token(
     name: Annotated[str, option("--name", "NAME", "What it is for.")],
     expires_at: options.ExpiresAt = None,
 ) -> Answer:
-    """Issue a token for a team; it is shown this once."""
+    """Issue a token for a team; it is shown only once."""
     issued = organizer.issue_token(team_id, name, expires_at)
     return issued, issued["token"]
 
@@ -277,7 +279,7 @@ def revoke_token(
 
 @with_organizer
 def list_protocols(organizer: Organizer) -> Answer:
-    """List all protocols, drafts too, oldest first."""
+    """List all protocols, including drafts, oldest first."""
     found = organizer.protocols()
     rows = [one | {"readers": "no, a draft" if one["is_draft"] else "yes"} for one in found]
     return found, records_table(rows, ("version", "title", "readers", "digest"))
@@ -300,7 +302,7 @@ KeyOption = Annotated[
 
 
 def protocol_key(key: KeyOption = None, json: options.Json = False) -> None:
-    """Show the public half of your key, made if there is none: for `floors.toml` of a split."""
+    """Show your public key, for `floors.toml` of a split; a key is created if you have none."""
     path = key or default_key_path()
     public_key = make_key(path)
     say(f"the private key lies at {path}: keep it from every server")
@@ -316,7 +318,7 @@ def confirm_protocol(
     server: options.Server = None,
     json: options.Json = False,
 ) -> None:
-    """Sign that a withheld split may be scored under a protocol, and hand it in.
+    """Sign that a withheld split may be scored under a protocol, and send the signature.
 
     What is signed is the document on this machine: read it first.
     """
@@ -355,7 +357,7 @@ def withdraw_confirmation(
     confirmation_id: Annotated[str, argument("ID", "`confirmations` shows it.")],
     reason: options.Reason,
 ) -> Answer:
-    """Take a confirmation back: workers score and publish nothing more that needs it."""
+    """Withdraw a confirmation: workers score and publish nothing more that needs it."""
     left = organizer.withdraw_confirmation(confirmation_id, reason)
     return left, f"confirmation {confirmation_id} withdrawn"
 
@@ -366,7 +368,7 @@ def delete_protocol(
     version: Annotated[str, argument("VERSION", "Version or digest.")],
     reason: options.Reason,
 ) -> Answer:
-    """Delete a protocol that nothing was made of: neither phase, run, board nor sheet."""
+    """Delete a protocol that nothing uses: no phase, run, board or sheet."""
     gone = organizer.delete_protocol(version, reason)
     return gone, f"protocol {gone['version']} deleted"
 
@@ -389,7 +391,7 @@ def _warning_counts(warnings: Iterable[Mapping[str, Any]]) -> str:
 def verify_audit(
     head: Annotated[
         str | None,
-        option("--head", "HASH", "Kept from an earlier time: finds lines cut off since."),
+        option("--head", "HASH", "Hash noted earlier: finds lines cut off since then."),
     ] = None,
     server: options.Server = None,
     json: options.Json = False,
@@ -421,8 +423,8 @@ def _verdict_words(verdict: dict[str, Any], is_cut: bool) -> str:
 @with_organizer
 def read_audit(
     organizer: Organizer,
-    limit: Annotated[int, option("--limit", "N", "At most so many.", min=1, max=500)] = 50,
-    actor: Annotated[str | None, option("--actor", "WHO", "Only by this one.")] = None,
+    limit: Annotated[int, option("--limit", "N", "Show at most N.", min=1, max=500)] = 50,
+    actor: Annotated[str | None, option("--actor", "WHO", "Only actions by this actor.")] = None,
     subject: Annotated[str | None, option("--subject", "ID", "Only about this.")] = None,
     since: Annotated[
         str | None, option("--since", "TIME", "2027-01-31T00:00:00Z, or a day: from then on.")
@@ -454,7 +456,7 @@ def read_audit(
 
 @with_organizer
 def list_people(organizer: Organizer) -> Answer:
-    """List everybody who signed in through the provider, with their roles."""
+    """List everyone who signed in through the provider, with their roles."""
     return listed(organizer.people(), ("id", "name", "role", "phases", "signed_in_at"))
 
 
@@ -467,10 +469,10 @@ def set_role(
         one_of("--role", ROLES, "owner, helper or read-only; else none.", "ROLE"),
     ] = None,
     phase_ids: Annotated[
-        list[str] | None, options.phase("Confines the role to it; may stand again.", "ID")
+        list[str] | None, options.phase("Limits the role to this phase; may be repeated.", "ID")
     ] = None,
 ) -> Answer:
-    """Give a person a role of organizers, or take it; it counts from their next request on."""
+    """Give a person an organizer's role, or take it away; it applies from their next request on."""
     told = organizer.set_role(person, role, phase_ids or ())
     left = [] if told["role"] else left_words(_LEFT, told)
     return told, f"{told['name']}: {told['role'] or 'no organizer'}", *left
@@ -483,7 +485,7 @@ def forget_person(
     reason: options.Reason,
     yes: options.Yes = False,
 ) -> Answer:
-    """Take a person out of their teams and of the records; needs --yes where it cannot ask."""
+    """Remove a person from their teams and from the records; needs --yes without a terminal."""
     be_sure(f"Forget {person} for good? Who signs in again is somebody new.", yes)
     told = organizer.forget_person(person, reason)
     return told, f"person {person} is forgotten", *left_words(_LEFT, told)
@@ -497,7 +499,7 @@ def show_site(organizer: Organizer) -> Answer:
 
 @with_organizer
 def set_site(organizer: Organizer, **links: Any) -> Answer:
-    """Set links of the site; what is left out stays, an empty one is not shown."""
+    """Set links of the site; links that you leave out stay, and empty ones are not shown."""
     changes = phases.setting_document(SiteLinks, links)
     if not changes:
         raise InvalidArgumentError("nothing_to_set", "Say what to set: `--help` lists the links.")

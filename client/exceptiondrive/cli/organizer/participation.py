@@ -17,10 +17,10 @@ from exceptiondrive_schemas.api.participation import AFTER_A_MERGE
 from exceptiondrive_schemas.printable import counted
 
 ToldReason = Annotated[
-    str, option("--reason", "TEXT", "Why; told to the team, and in the audit log.")
+    str, option("--reason", "TEXT", "Why; shown to the team and in the audit log.")
 ]
 PublicNote = Annotated[
-    str | None, option("--public-note", "TEXT", "What readers are told; else nothing.")
+    str | None, option("--public-note", "TEXT", "Shown to readers; else they see nothing.")
 ]
 LIMITS = (
     FormField("closes_at", "Own deadline", "moment", may_be_none=True),
@@ -76,7 +76,7 @@ def merge_teams(
     reason: options.Reason,
     yes: options.Yes = False,
 ) -> Answer:
-    """Make a team part of another one, with submissions, people and addresses; needs --yes where it cannot ask."""
+    """Merge a team into another one, with submissions, people and addresses; needs --yes without a terminal."""
     be_sure(
         f"Make {team_id} part of {into} for good? Its tokens are revoked, and its allowances are not passed "
         f"on. {AFTER_A_MERGE}",
@@ -92,7 +92,7 @@ def merge_teams(
 def forget_team(
     organizer: Organizer, team_id: options.TeamId, reason: options.Reason, yes: options.Yes = False
 ) -> Answer:
-    """Take everything personal of a team out of the records; needs --yes where it cannot ask."""
+    """Remove everything personal about a team from the records; needs --yes without a terminal."""
     be_sure(f"Forget {team_id} for good? An alias will stand on boards.", yes)
     team = organizer.forget_team(team_id, reason)
     return team, f"the team is forgotten; it stands as {team['name']} ({team['id']})"
@@ -103,7 +103,7 @@ def import_teams(
     organizer: Organizer,
     file: Annotated[Path, argument("FILE", "CSV: id, name, affiliation, email; - is stdin.")],
 ) -> Answer:
-    """Make many teams, each with a token that is shown this once; all of them, or none."""
+    """Create many teams, each with a token that is shown only once; all of them, or none."""
     text = options.given_file(file).text()
     made = organizer.import_teams(text)
     teams = made["teams"]
@@ -127,7 +127,7 @@ def set_allowance(
         str | None, option("--quota-total", "N|none", "Submissions in all.")
     ] = None,
 ) -> Answer:
-    """Set a team's allowance in a phase, its own deadline and quota; `none` is as for all teams again."""
+    """Set a team's own deadline and quota in a phase; `none` restores what all teams have."""
     given = {"closes_at": closes_at, "quota_per_day": quota_per_day, "quota_total": quota_total}
     allowance = {
         field.name: setting_value(field, value)
@@ -149,9 +149,9 @@ def disqualify_team(
     team_id: options.TeamId,
     reason: ToldReason,
     public_note: PublicNote = None,
-    phase: Annotated[str | None, options.phase("There alone; else everywhere.")] = None,
+    phase: Annotated[str | None, options.phase("Only in this phase; else everywhere.")] = None,
 ) -> Answer:
-    """Take a team off the next boards; it submits nothing until it is reinstated."""
+    """Take a team off the next boards; it cannot submit until it is reinstated."""
     row = organizer.disqualify_team(team_id, reason, public_note, phase)
     return row, f"team {team_id} disqualified, number {row['id']}"
 
@@ -163,14 +163,14 @@ def disqualify_submission(
     reason: ToldReason,
     public_note: PublicNote = None,
 ) -> Answer:
-    """Take one submission off the next boards; the same bytes are not taken again."""
+    """Take one submission off the next boards; the same bytes are not accepted again."""
     row = organizer.disqualify_submission(submission_id, reason, public_note)
     return row, f"submission {submission_id} disqualified, number {row['id']}"
 
 
 @with_organizer
 def list_disqualified(organizer: Organizer) -> Answer:
-    """List disqualifications, newest first; those that ended, too."""
+    """List disqualifications, newest first, including those that ended."""
     columns = ("id", "team", "phase", "submission", "reason", "disqualified_at", "reinstated_at")
     found = organizer.disqualifications()
     return found, records_table(found, columns) if found else "nobody was disqualified"
@@ -182,7 +182,7 @@ def reinstate(
     number: Annotated[int, argument("NUMBER", "From `teams disqualified`.", min=1)],
     reason: ToldReason,
 ) -> Answer:
-    """End a disqualification: the next board shows what no other one keeps off it."""
+    """End a disqualification: the entries return to the next board, unless another one keeps them off."""
     row = organizer.reinstate(number, reason)
     return row, f"{row['submission'] or row['team']} reinstated"
 
@@ -194,22 +194,20 @@ def send_message(
     text: Annotated[
         Path,
         option(
-            "--text", "FILE", "Plain words, no Markdown; a blank line parts paragraphs; - is stdin."
+            "--text",
+            "FILE",
+            "Plain text, no Markdown; a blank line separates paragraphs; - is stdin.",
         ),
     ],
     to: Annotated[
         list[str] | None,
-        option("--to", "TEAM", "As often as needed; else every team.", offer=completion.teams),
+        option("--to", "TEAM", "May be repeated; else every team.", offer=completion.teams),
     ] = None,
-    phase: Annotated[
-        str | None, options.phase("Of every team: those that submitted to it.")
-    ] = None,
-    preview: Annotated[
-        bool, flag("--preview", "Show whom it would reach, and send nothing.")
-    ] = False,
+    phase: Annotated[str | None, options.phase("Only teams that submitted to this phase.")] = None,
+    preview: Annotated[bool, flag("--preview", "Show who would get it, and send nothing.")] = False,
     yes: options.Yes = False,
 ) -> Answer:
-    """Write to one, some or all teams: inbox, e-mail and webhooks; needs --yes where it cannot ask."""
+    """Write to one, some or all teams: inbox, e-mail and webhooks; needs --yes without a terminal."""
     words = options.given_file(text).text()
     if not (preview or yes):
         found = organizer.send_message(title, words, to or (), phase, is_preview=True)

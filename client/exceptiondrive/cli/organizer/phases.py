@@ -39,7 +39,7 @@ REVEALED = {
 
 @with_organizer
 def show_phase(organizer: Organizer, phase_id: PhaseArgument) -> Answer:
-    """Show the settings of a phase and where it stands."""
+    """Show the settings and the state of a phase."""
     phase = organizer.phase(phase_id)
     lines = _setting_lines(phase)
     width = max(len(key) for key in lines)
@@ -49,7 +49,7 @@ def show_phase(organizer: Organizer, phase_id: PhaseArgument) -> Answer:
 @with_organizer
 def create(
     organizer: Organizer,
-    phase_id: Annotated[str, argument("ID", "Stands in addresses.")],
+    phase_id: Annotated[str, argument("ID", "Used in addresses.")],
     split: Annotated[
         str | None,
         option("--split", "NAME", "See `organizer splits list`; else that of --like."),
@@ -68,12 +68,15 @@ def create(
     like: Annotated[
         str | None,
         option(
-            "--like", "ID", "Take over settings of this phase, not dates.", offer=completion.phases
+            "--like",
+            "ID",
+            "Copy the settings of this phase, but not its dates.",
+            offer=completion.phases,
         ),
     ] = None,
     **settings: Any,
 ) -> Answer:
-    """Make a phase."""
+    """Create a phase."""
     given = setting_document(PhaseSettings, settings)
     model = {} if like is None else organizer.phase(like)
     split, challenge = split or model.get("split"), challenge or model.get("challenge", "planning")
@@ -103,7 +106,7 @@ def create(
 
 @with_organizer
 def update(organizer: Organizer, phase_id: PhaseArgument, **settings: Any) -> Answer:
-    """Change settings of a phase; what would take back a promise is refused."""
+    """Change settings of a phase; a change that would break a promise is refused."""
     changes = setting_document(PhaseSettings, settings)
     if not changes:
         raise InvalidArgumentError(
@@ -129,14 +132,14 @@ def feature(organizer: Organizer, phase_id: PhaseArgument, reason: options.Reaso
 
 @with_organizer
 def delete(organizer: Organizer, phase_id: PhaseArgument, reason: options.Reason) -> Answer:
-    """Delete a phase in which nothing was submitted or rescored; others are archived or hidden."""
+    """Delete a phase in which nothing was submitted or rescored; archive or hide others instead."""
     phase = organizer.delete_phase(phase_id, reason)
     return phase, f"phase {phase['id']} deleted"
 
 
 @with_organizer
 def export(organizer: Organizer, phase_id: PhaseArgument, output: options.Output = None) -> Answer:
-    """Get what readers may see of a phase, as a tar for a paper or an archive."""
+    """Download what readers may see of a phase, as a tar for a paper or an archive."""
     data = organizer.export_phase(phase_id)
     return save_new(output or Path(f"exceptiondrive-{phase_id}.tar"), data)
 
@@ -161,7 +164,7 @@ def import_reported(
     title: Annotated[str, option("--title", "TEXT", "What the other board is called.")],
     cite: Annotated[str, option("--cite", "TEXT", "Where it is: address or citation.")],
 ) -> Answer:
-    """Put the rows of another board beside a phase, unranked: all of them, or none."""
+    """Import the rows of another board beside a phase, unranked: all of them, or none."""
     text = options.given_file(file).text()
     made = organizer.import_reported(phase_id, text, title, cite)
     return made, f"{counted(len(made['rows']), 'row')} imported as {made['id']}, ranked nowhere"
@@ -174,7 +177,7 @@ def withdraw_reported(
     reported_id: Annotated[str, argument("IMPORT", "Id of the import: see `reported`.")],
     reason: options.Reason,
 ) -> Answer:
-    """Take the rows of another board away from a phase; they can be imported again."""
+    """Remove the rows of another board from a phase; they can be imported again."""
     gone = organizer.withdraw_reported(phase_id, reported_id, reason)
     return gone, f"{gone['title']} withdrawn"
 
@@ -192,13 +195,13 @@ def freeze(organizer: Organizer, phase_id: PhaseArgument, reason: options.Reason
 def reveal(
     organizer: Organizer,
     phase_id: PhaseArgument,
-    what: Annotated[str, one_of("--what", REVEALED, "What readers are to see.")],
+    what: Annotated[str, one_of("--what", REVEALED, "What to show readers.")],
     reason: options.Reason,
     yes: options.Yes = False,
 ) -> Answer:
-    """Show the board behind a freeze, the names, or begin to score the other part of the split.
+    """Show the board behind a freeze or the names, or begin to score the other part of the split.
 
-    A board or names that were shown cannot be taken back: these need --yes where it cannot ask.
+    Showing a board or names cannot be undone: both need --yes without a terminal.
     """
     options.require_one_of("--what", what, REVEALED)
     if what == "board" and organizer.phase(phase_id)["policy"]["frozen_scores"] == "hidden":

@@ -70,15 +70,13 @@ def start(
     rescoring: Rescoring,
     phase: Annotated[str, options.phase("Whose board is to change.", "ID")],
     reason: options.Reason,
-    protocol: Annotated[str | None, option("--protocol", "V", "Version or digest to come.")] = None,
-    split_revision: Annotated[
-        str | None, option("--split-revision", "R", "Revision to come.")
-    ] = None,
+    protocol: Annotated[str | None, option("--protocol", "V", "New version or digest.")] = None,
+    split_revision: Annotated[str | None, option("--split-revision", "R", "New revision.")] = None,
     draft: Annotated[bool, flag("--draft", "Only draft it; score nothing yet.")] = False,
 ) -> Answer:
     """Draft a run and begin to score in the background; the board does not change.
 
-    A worker tries the split first: where it cannot be scored, the run stays a draft.
+    A worker tries the split first; if it cannot be scored, the run stays a draft.
     """
     run = rescoring.draft(phase, protocol, split_revision, reason)
     if not draft:
@@ -108,14 +106,14 @@ def _start_when_tried(rescoring: Rescoring, run: RunView, reason: str) -> RunVie
 
 def status(
     run_id: Annotated[
-        str | None, argument("[RUN]", "Else all runs.", offer=completion.runs)
+        str | None, argument("[RUN]", "Id of a run; else all runs.", offer=completion.runs)
     ] = None,
     phase: options.Phase = None,
     watch: WatchOption = False,
     server: options.Server = None,
     json: options.Json = False,
 ) -> None:
-    """Show runs, or one run with its progress and what stands in the way."""
+    """Show runs, or one run with its progress and what blocks it."""
     with _open_rescoring(server) as rescoring:
         if run_id is None:
             runs = rescoring.runs(phase)
@@ -135,8 +133,8 @@ def status(
 
 def preview(
     run_id: RunArgument,
-    csv: Annotated[Path | None, option("--csv", "FILE", "Write it as CSV besides.")] = None,
-    seen: Annotated[str | None, option("--seen", "DIGEST", "Of an earlier preview.")] = None,
+    csv: Annotated[Path | None, option("--csv", "FILE", "Write it as CSV too.")] = None,
+    seen: Annotated[str | None, option("--seen", "DIGEST", "Digest of an earlier preview.")] = None,
     server: options.Server = None,
     json: options.Json = False,
 ) -> None:
@@ -160,7 +158,7 @@ def apply(
         str, option("--preview", "DIGEST", "Last line of the `preview` that you looked at.")
     ],
 ) -> Answer:
-    """Show the new board, at once and wholly; refused while anything is missing or stale."""
+    """Show the new board, in one step; refused while anything is missing or stale."""
     for warning in rescoring.preview(run_id).warnings:
         say(warning)
     run = rescoring.step(run_id, "apply", reason, preview=digest)
@@ -176,7 +174,7 @@ def verify(
     server: options.Server = None,
     json: options.Json = False,
 ) -> None:
-    """Recompute sheets from the uploads and demand every bit again; exit code 1 if one differs."""
+    """Recompute sheets from the uploads and compare every bit; exit code 1 if one differs."""
     with _open_rescoring(server) as rescoring:
         found = rescoring.start_verification(phase, _sample_size(sample), reason)
         follow_verification(rescoring, found, json)
@@ -418,11 +416,11 @@ def _metric_text(standing: Standing | None, metric: Metric) -> str:
 COMMANDS: dict[str, Callable[..., None]] = {
     "start": start,
     "begin": _step_command(
-        "start", "Begin to score a run that was only drafted: the step start of pages and API."
+        "start", "Begin to score a drafted run: the step `start` of pages and API."
     ),
     "status": status,
-    "pause": _step_command("pause", "Let no further sheet of a run begin."),
-    "resume": _step_command("resume", "Go on with a run, and try failed sheets again."),
+    "pause": _step_command("pause", "Pause a run: no further sheet is begun."),
+    "resume": _step_command("resume", "Continue a run, and try failed sheets again."),
     "preview": preview,
     "apply": apply,
     "cancel": _step_command("cancel", "End a run that was not applied; the board never changed."),
