@@ -84,7 +84,7 @@ def test_intervals_rounded_like_their_metric_would_exceed_it(
     assert n_answers(fine["pair intervals"]) > 5 * advised["pair intervals"][0]
     assert n_answers(fine["together"]) > 1.9 * advised["together"][0]
     said = (
-        f"intervals tell {n_answers(fine['intervals'])} different answers, those of pairs "
+        f"intervals would give {n_answers(fine['intervals'])} different answers, those of pairs "
         f"{n_answers(fine['pair intervals'])} and all together\n{n_answers(fine['together'])}:"
     )
     print(f"\n{said}")  # noqa: T201 - to be put into the document
