@@ -21,9 +21,10 @@ from exceptiondrive_records.rescoring.showing import reveal_board
 from exceptiondrive_records.rescoring.views import preview_of
 from exceptiondrive_records.splits.drawings import entry_drawings
 from exceptiondrive_records.splits.splits import find_split, list_splits
-from exceptiondrive_records.submissions.submissions import accept
+from exceptiondrive_records.submissions.submissions import accept, find_submission, lock_jobs
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.teams import find_team
+from exceptiondrive_records.work.tables import Job
 from exceptiondrive_schemas.base import canonical_json
 from exceptiondrive_schemas.datasheet import SplitChange
 from exceptiondrive_schemas.protocol import packaged_protocol
@@ -363,6 +364,34 @@ def test_an_upload_that_is_under_way_at_a_reveal_takes_no_later_deadline_past_it
     assert newest in life.entry_ids()
     chosen = life.request("POST", f"/api/v1/submissions/{newest}/choose", "beta")
     assert (chosen.status_code, "deadline was" in chosen.json()["detail"]) == (409, True)
+
+
+@POSTGRES_ALONE
+def test_a_reveal_takes_jobs_before_the_submissions_whose_later_deadline_it_ends(
+    life: "Life",
+) -> None:
+    life.make_phase(closes_at=life.ahead(60), policy={"live_part": "public"})
+    life.submit("alpha", PUBLIC_ONLY)
+    life.work()
+    run = life.reveal()
+    life.move(closes_at=life.now())
+    grant = {"closes_at": life.ahead(60), "reason": "ill"}
+    life.done("/teams/beta/allowances/test", grant, "PATCH")
+    life.work()
+    waiting = life.submit("beta", PUBLIC_ONLY)
+
+    def reveal() -> None:
+        with life.database.write() as session:
+            seen = preview_of(session, run).digest
+            apply_run(session, run, preview=seen, reason="the end", actor="test")
+
+    with ThreadPoolExecutor() as pool:
+        with life.database.write() as session:
+            lock_jobs(session, Job.submission_id == waiting)  # as an organizer's `withdraw`
+            revealing = pool.submit(reveal)
+            wait_until_it_waits(life.database, revealing.done)
+            find_submission(session, waiting, lock=True)
+        revealing.result()
 
 
 @pytest.mark.parametrize("scores", ["shown", "hidden"])

@@ -264,12 +264,12 @@ def _lock_and_check(
 def _flip(session: Session, phase: Phase, row: BoardRow, key: ScoringKey) -> int | None:
     old = key_of_phase(phase)
     phase.protocol_digest, phase.split_revision = key
-    end_own_deadlines(session, phase, database_now(session))
     phase.late_board_id = None
     if phase.policy.late_entries == "own_view":  # its late view is built next
         want_board(session, phase.id, *key)
     flip = flip_board(session, phase, row)
     _turn_waiting_jobs(session, phase.id, old, key)
+    end_own_deadlines(session, phase, database_now(session))
     return None if flip is None else flip.id
 
 
