@@ -515,6 +515,11 @@ MORE: dict[str, Row] = {
     "columns, the ids in the plural": Row(
         partial(in_columns, "sample_ids"), {"wrong_type": "1 value"}, [ONE_A_SAMPLE]
     ),
+    "ids that begin as the name of their column": Row(
+        lambda: as_bytes({f"sample_id_{n}": each for n, each in enumerate(predictions())}),
+        {"wrong_type": "1 value"},
+        [CONVERT],
+    ),
     "UTF-16 without a mark": Row(
         lambda: as_bytes(sound()).decode().encode("utf-16-le"),
         {"wrong_file_kind": "1 fault"},

@@ -409,7 +409,7 @@ class SubmissionReader:
             self._stream.value()
             return
         self._n_ids_as_keys += 1
-        is_column = key.startswith("sample_id") or (key in OUR_KEYS and first == "{")
+        is_column = key in ("sample_id", "sample_ids") or (key in OUR_KEYS and first == "{")
         self._has_columns |= is_column
         if first == "[":
             listed: list[Any] = []
