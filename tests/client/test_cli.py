@@ -121,6 +121,7 @@ def test_a_proxy_or_certificates_that_cannot_be_used_are_named(
 def test_a_proxy_that_does_not_answer_is_named_without_its_password(
     monkeypatch: pytest.MonkeyPatch, variable: str, proxy: str, spared: str, is_named: bool
 ) -> None:
+    monkeypatch.setattr("exceptiondrive.transport.LONGEST_OF_ALL_RETRIES_S", -1.0)  # asked once
     monkeypatch.setenv(variable, proxy)
     monkeypatch.setenv("no_proxy", spared)
     done = run("whoami", "--server", "http://127.0.0.1:10")

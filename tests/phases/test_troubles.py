@@ -285,7 +285,9 @@ def raising(error: type[Exception]) -> Any:
     return fail
 
 
-def test_the_papers_rows_beside_a_withheld_split(life: Life, store: SplitStore) -> None:
+def test_the_papers_rows_beside_a_withheld_split(
+    life: Life, store: SplitStore, monkeypatch: pytest.MonkeyPatch
+) -> None:
     life.change({"shows_reported": True}, "driven")
     say_alive(life, store)
     assert told(life) == [("reported_beside_other_split", "driven")]
@@ -296,6 +298,7 @@ def test_the_papers_rows_beside_a_withheld_split(life: Life, store: SplitStore) 
         "EXCEPTIONDRIVE_SERVER": "http://127.0.0.1:1",
         "EXCEPTIONDRIVE_TOKEN": "edk_none",
     }
+    monkeypatch.setattr("exceptiondrive.transport.LONGEST_OF_ALL_RETRIES_S", -1.0)  # asked once
     done = CliRunner().invoke(app, words, env=environment)
     assert done.exit_code != 2, f"what is advised is no command: {done.stderr}"
     life.done("/phases/driven", {"visibility": "archived"}, "PATCH")
