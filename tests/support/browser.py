@@ -44,6 +44,7 @@ def axe_violations(page: Page) -> list[dict[str, Any]]:
     """Return what axe finds wrong on a page."""
     if not page.evaluate("'axe' in window"):
         page.add_script_tag(path=AXE)
+        page.context.add_init_script(path=AXE)  # for the pages after it
     found: list[dict[str, Any]] = page.evaluate("axe.run(document, {resultTypes: ['violations']})")[
         "violations"
     ]
