@@ -451,12 +451,12 @@ def test_a_key_that_is_held_decides_one_card(site: Site, browser: Browser) -> No
     assert [(it.value or {})["passed"] for it in site.records(Kind.INSPECT)] == [True, False, True]
 
 
-def test_keys_of_one_letter_are_turned_off_and_stay_off(site: Site, browser: Browser) -> None:
+def test_single_key_shortcuts_are_turned_off_and_stay_off(site: Site, browser: Browser) -> None:
     """What a program for dictation types decides nothing (WCAG 2.1.4)."""
     page = site.reviewer(browser, "ada")
     before = begin(page, "inspect")
     page.click("#help-open")
-    page.get_by_label("Letters, digits and signs act").uncheck()
+    page.get_by_label("Single-key shortcuts").uncheck()
     press(page, "Escape")
     assert begin(page, "inspect") == before
     press(page, "a", "s", "r", "5", "?")

@@ -108,7 +108,7 @@ FAULTS = (
     Fault("F35", "withdrawn while it is scored, then sent again", server.withdrawn),
     Fault(
         "F35b",
-        "an organizer takes the wrong entry out, and gives it back",
+        "an organizer withdraws the wrong entry, and restores it",
         server.taken_out_by_mistake,
     ),
     Fault("F36", "one submission fails, one answers nothing", scoring.no_score),

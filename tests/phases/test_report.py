@@ -88,7 +88,7 @@ def test_a_report_comes_with_the_end_and_tells_what_the_boards_tell(life: "Life"
     assert f">{heading}</h2>" in life.get(PAGE).text
 
 
-def put_around_a_freeze(life: "Life") -> tuple[str, str]:
+def submit_before_and_after_a_freeze(life: "Life") -> tuple[str, str]:
     """Return an entry of the frozen board, and a better file that came after it and waits for its score."""
     life.make_phase(split="plain", closes_at=life.ahead(60))
     early = life.submit("alpha", 1.0, "Early", "plain")
@@ -98,7 +98,7 @@ def put_around_a_freeze(life: "Life") -> tuple[str, str]:
 
 
 def test_a_freeze_and_a_team_with_a_later_deadline_keep_the_report_back(life: "Life") -> None:
-    early, late = put_around_a_freeze(life)
+    early, late = submit_before_and_after_a_freeze(life)
     life.work()
     allowance = "/teams/gamma/allowances/test"
     life.done(allowance, {"closes_at": life.ahead(90), "reason": "ill"}, "PATCH")
@@ -138,7 +138,7 @@ def test_a_freeze_that_hid_nothing_is_no_reveal(life: "Life") -> None:
 def test_a_freeze_that_ends_before_its_newest_scores_stand_on_a_board_is_a_reveal(
     life: "Life",
 ) -> None:
-    early, late = put_around_a_freeze(life)
+    early, late = submit_before_and_after_a_freeze(life)
     life.move(closes_at=life.now())
     for job_id in due_jobs(life.database):
         score_submission(life.context, job_id)
@@ -149,7 +149,7 @@ def test_a_freeze_that_ends_before_its_newest_scores_stand_on_a_board_is_a_revea
 
 
 def test_a_reveal_of_a_version_that_named_no_board_in_the_audit_log_is_told(life: "Life") -> None:
-    early, late = put_around_a_freeze(life)
+    early, late = submit_before_and_after_a_freeze(life)
     life.work()
     life.move(closes_at=life.now())
     with life.database.write() as session:

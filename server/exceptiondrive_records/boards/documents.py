@@ -23,10 +23,10 @@ _DECODER = JSONDecoder()
 
 @contextmanager
 def collector_at_rest() -> Iterator[None]:
-    """Let the collector of cycles rest while many objects are made that are in none.
+    """Pause the collector of reference cycles while many objects are made that form none.
 
-    It goes through all of them whenever they are a quarter more: a fifth of the time that a board of 10,000
-    entries takes, and half of what it takes to check a hundred boards of 1,000.
+    It goes through all of them whenever they are a quarter more: a fifth of the time of building a board of
+    10,000 entries, and half the time of checking boards of 1,000.
     """
     gc.disable()
     try:

@@ -26,7 +26,7 @@ export class CardQueue {
     find("skip").addEventListener("click", () => this.#skip());
     find("undo").addEventListener("click", () => this.#undo());
     find("help-open").addEventListener("click", () => find("help").showModal());
-    // Dictated words and the keys of a screen reader decide nothing where this is off (WCAG 2.1.4).
+    // Off, no dictated word and no key of a screen reader decides anything (WCAG 2.1.4).
     const single = find("single-keys");
     single.checked = localStorage.getItem("single-keys") !== "off";
     single.addEventListener("change", () => localStorage.setItem("single-keys", single.checked ? "on" : "off"));
