@@ -26,7 +26,7 @@ from exceptiondrive_schemas.faults import MAX_EXAMPLES, FaultCode
 
 STEPS_S = {"60 waypoints": "0.1"}
 """What only its author knows: how far apart the waypoints of a file are."""
-BY_HAND = {"seven kinds at once"}
+BY_HAND = {"seven kinds at once", "ids that begin as the name of their column"}
 """What takes more than one mend, of which conversion is one."""
 UNTOUCHED = {"60 waypoints", "null inside a trajectory", "NaN and Infinity", "a huge number"}
 UNTOUCHED |= {"NaN as a text", "one a second", "1 s apart", "None as a text", "nan as a text"}

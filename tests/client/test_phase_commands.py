@@ -164,7 +164,7 @@ def test_a_withdrawal_behind_a_hidden_freeze_says_that_the_reveal_tells_what_sta
     _, second = (scored(working, file, "Planner") for file in files)
     gone = run(working, "withdraw", second)
     assert (
-        gone.stdout == f"{second} withdrawn: which run stands is told when the board is revealed\n"
+        gone.stdout == f"{second} withdrawn: which run counts is shown when the board is revealed\n"
     )
 
 
@@ -208,7 +208,7 @@ def test_check_says_that_the_run_that_was_chosen_stays(
     assert run(working, "choose", chosen).exit_code == 0
     file = other_bytes(planning_file("two.json"))
     told = run(working, "check", file, "--phase", "test", "--method", "Planner").stdout
-    assert f"it will be scored, and not stand on the board: {chosen} (HCC " in told
+    assert f"it will be scored, but not appear on the board: {chosen} (HCC " in told
     assert "To say otherwise: exceptiondrive choose." in told
     for wrong in ("it will be ranked", "takes the place"):
         assert wrong not in told
@@ -228,7 +228,7 @@ def test_a_chosen_run_that_is_private_is_not_said_to_stand(
     check = ("check", file, "--phase", "test", "--method", "Planner")
     assert "it will be ranked once your team publishes it" in run(working, *check).stdout
     assert run(working, "publish", chosen).exit_code == 0
-    assert f"not stand on the board: {chosen} (HCC " in run(working, *check).stdout
+    assert f"not appear on the board: {chosen} (HCC " in run(working, *check).stdout
 
 
 def test_a_team_publishes_and_takes_back(working: "Running", planning_file: MakeFile) -> None:

@@ -99,7 +99,7 @@ def test_a_token_that_reads_nothing_submits_what_it_may_replace_and_waits_for_no
     named = ("--phase", "dev", "--method", "Planner")
     checked = run(working, "check", path, *named, token=sender)
     assert (checked.exit_code, unknown in checked.stdout) == (0, True)
-    assert "takes the place of no other entry" not in checked.stdout
+    assert "replaces no other entry" not in checked.stdout
     assert run(working, "check", path, *named, token=" ").stdout == checked.stdout, (
         "nor without any"
     )

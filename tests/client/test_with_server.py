@@ -177,9 +177,9 @@ def test_check_says_that_a_closed_phase_refuses_unless_it_takes_late_entries(
         find_phase(session, "ended").closes_at = database_now(session)
     told = run(running, "check", "--phase", "ended", str(planning_file())).stdout
     assert ("will be refused: the phase takes none now" in told) is (late == "refused")
-    assert ("stand on the late view alone" in told) is (late == "own_view")
+    assert ("appear on the late view only" in told) is (late == "own_view")
     assert "will be ranked" not in told, "late files take no rank on the board"
-    assert "newest run stands" not in told
+    assert "newest run of each method counts" not in told
     unanswered = [{"sample_id": f"s{n}", "source": None, "edited": None} for n in range(4)]
     file = str(planning_file(predictions=unanswered))
     sent = run(running, "submit", file, "--phase", "ended", "--method", "Planner")
@@ -190,13 +190,13 @@ def test_check_says_what_an_upload_will_do(working: "Running", planning_file: Ma
     checked = ("check", "--phase", "dev", "--method", "Planner")
     before = run(working, *checked, str(planning_file())).stdout
     assert "outlook: it will be ranked, as far as can be told here" in before
-    assert "it takes the place of no other entry" in before
+    assert "it replaces no other entry" in before
     first = json.loads(submit(working, planning_file(), "--wait", "--json").stdout)
     other = ("check", "--phase", "dev", "--method", "planner", str(slower_file(planning_file)))
-    assert "of no other entry; 'Planner' is another method" in run(working, *other).stdout
+    assert "replaces no other entry; 'Planner' is another method" in run(working, *other).stdout
     told = run(working, *checked, str(slower_file(planning_file))).stdout
     assert f"outlook: it replaces {first['id']} (HCC " in told
-    assert "newest run stands" in told
+    assert "newest run of each method counts" in told
     report = json.loads(run(working, *checked, "--json", str(slower_file(planning_file))).stdout)
     (asked,) = report["to_confirm"]
     assert asked.startswith(f"It replaces {first['id']} (HCC ")

@@ -39,7 +39,7 @@ def replaced(world: World, submission_id: str) -> str | None:
 def test_the_newest_stands_and_nothing_is_chosen_unless_the_phase_says_so(world: World) -> None:
     first, second = runs(world, 0.9, 0.5)
     assert list(world.standing()) == [second]
-    with pytest.raises(Conflict, match=r"nothing to choose.* Of each method the newest"):
+    with pytest.raises(Conflict, match=r"nothing to choose.* The newest run of each method"):
         say(world, first)
 
 

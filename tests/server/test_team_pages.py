@@ -131,11 +131,11 @@ def test_the_page_of_a_scored_file_says_what_it_looks_like(
 def test_the_form_says_what_a_later_run_replaces_and_the_page_by_what(
     api: "Api", alpha: "TeamBrowser"
 ) -> None:
-    assert "takes the place of the earlier one" not in alpha.get("/submit").text
+    assert "replaces the earlier one" not in alpha.get("/submit").text
     first, second = (alpha.submit(text).headers["location"] for text in ("a", "b"))
     api.score(first.removeprefix("/submissions/"))
     form = " ".join(alpha.get("/submit").text.split())
-    assert "A later run of a method takes the place of the earlier one" in form
+    assert "A later run of a method replaces the earlier one" in form
     assert re.search(rf'<li>\s*[^<]+: <a href="{first}">Planner</a>', form)  # phase, then entries
     assert (
         "one that answers fewer than 99 % of the samples, you are asked before anything counts"

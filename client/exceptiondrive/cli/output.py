@@ -171,7 +171,9 @@ def be_sure(
         return
     if not can_ask():
         raise InvalidArgumentError(
-            "not_confirmed", f"{sentence} {nothing}", f"Nobody can be asked here: add {option}."
+            "not_confirmed",
+            f"{sentence} {nothing}",
+            f"There is no terminal to ask on: add {option}.",
         )
     if not typer.confirm(printable(f"{sentence} {question}".strip()), err=True):
         raise InvalidArgumentError("not_confirmed", nothing)

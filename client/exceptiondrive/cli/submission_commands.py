@@ -314,7 +314,7 @@ def withdraw(
             why = again.unranked_because
             words = f"the run before, {entry_words(again)}, takes no place now: {why}"
     if view.score_kept_back_since is not None:
-        words = "which run stands is told when the board is revealed"
+        words = "which run counts is shown when the board is revealed"
     if not stands:
         words = "it was so before, and nothing changed"
     return view, f"{view.id} {view.status}: {words}", *([lost] if against else ())

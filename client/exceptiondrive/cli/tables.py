@@ -110,10 +110,10 @@ def outlook_view(outlook: Outlook, phase: str | None = None) -> Iterator[Rendera
         see = f"see `exceptiondrive terms --phase {phase or 'PHASE'}`"
         yield f"outlook: it will be refused until your team accepts the terms: {see}"
     if outlook.is_late:
-        yield "outlook: the deadline has passed: it will stand on the late view alone"
+        yield "outlook: the deadline has passed: it will appear on the late view only"
     elif outlook.stays is not None:
         stays = entry_words(outlook.stays)
-        yield f"outlook: it will be scored, and not stand on the board: {stays} does, as your team chose"
+        yield f"outlook: it will be scored, but not appear on the board: {stays} does, as your team chose"
     elif outlook.report.unranked_because is None:
         then = "then it" if outlook.owes_terms else "it"
         once = " once your team publishes it" if outlook.is_private else ""
@@ -123,9 +123,9 @@ def outlook_view(outlook: Outlook, phase: str | None = None) -> Iterator[Rendera
     elif outlook.may_replace_unseen:
         yield f"outlook: {REPLACES_UNKNOWN}"
     elif outlook.report.is_valid and outlook.alike is not None:
-        yield f"outlook: it takes the place of no other entry; {outlook.alike!r} is another method"
+        yield f"outlook: it replaces no other entry; {outlook.alike!r} is another method"
     elif outlook.report.is_valid and outlook.stays is None:
-        yield "outlook: it takes the place of no other entry"
+        yield "outlook: it replaces no other entry"
     yield outlook.rule
 
 

@@ -139,22 +139,20 @@ class PhasePolicy(Document):
     )
 
     def run_rule(self, *, has_deadline: bool) -> str:
-        """Say, before anything is handed in, which run stands on the board."""
+        """Say, before anything is handed in, which run counts on the board."""
         private = "An entry is private, and ranks nowhere, until its team publishes it. "
         said = private if self.entries_private else ""
         if self.entries_shown == "chosen":
-            return f"{said}Of each team one entry stands: the one that it chose, else its newest."
-        said += "Of each method the newest run stands, also where it is worse"
+            return f"{said}One entry of each team counts: the one that it chose, else its newest."
+        said += "The newest run of each method counts, even if it is worse"
         if self.run_choice == "team":
-            return (
-                f"{said}, unless the team says before the deadline: the best, or one that it names."
-            )
+            return f"{said}, unless the team chooses before the deadline: the best, or one that it names."
         if has_deadline:
             return (
-                f"{said}; withdraw it before the deadline, and the earlier one stands again; later "
+                f"{said}; withdraw it before the deadline, and the previous one counts again; later "
                 "its place stays empty."
             )
-        return f"{said}; withdraw it, and the earlier one stands again."
+        return f"{said}; withdraw it, and the previous one counts again."
 
 
 class PhaseSettings(Document):

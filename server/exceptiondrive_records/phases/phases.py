@@ -255,8 +255,8 @@ def not_checked(challenge: str, whole: SplitRow) -> tuple[str, ...]:
     if challenge != PLANNING.id or not whole.lacks_drives:
         return ()
     words = (
-        "This split holds no recorded drives, so nobody compares your source trajectories with the "
-        "drive of the scene: a wrong time step, unit or axis goes unseen. Compare the speeds that "
+        "This split has no recorded drives, so nothing compares your source trajectories with the "
+        "drive of the scene: a wrong time step, unit or axis goes unnoticed. Compare the speeds that "
         "the check of your file prints with those of your planner."
     )
     return (words,)

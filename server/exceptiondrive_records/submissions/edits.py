@@ -132,7 +132,7 @@ def _require_free_name(
     if not can_change(phase, submission, now) and any(other not in runs for other in others):
         raise Conflict(
             f"Your team has another method {submission.method!r} in this phase. After the deadline "
-            "two methods cannot become one: which run stands would change. Choose another name."
+            "two methods cannot become one: which run counts would change. Choose another name."
         )
 
 

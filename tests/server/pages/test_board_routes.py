@@ -350,13 +350,13 @@ async def test_a_phase_without_a_board_leaves_the_others_in_reach(lively_site: A
 @pytest.mark.parametrize(
     ("policy", "closes_at", "words"),
     [
-        ({}, None, "also where it is worse; withdraw it, and the earlier one stands again. Then"),
-        ({}, AHEAD, "withdraw it before the deadline, and the earlier one stands again; later its place stays"),
-        ({"run_choice": "team"}, AHEAD, "unless the team says before the deadline: the best, or"),
-        ({"entries_shown": "chosen"}, None, "Of each team one entry stands: the one that it chose,"),
+        ({}, None, "even if it is worse; withdraw it, and the previous one counts again. Then"),
+        ({}, AHEAD, "withdraw it before the deadline, and the previous one counts again; later its place stays"),
+        ({"run_choice": "team"}, AHEAD, "unless the team chooses before the deadline: the best, or"),
+        ({"entries_shown": "chosen"}, None, "One entry of each team counts: the one that it chose,"),
     ],
 )  # fmt: skip
-async def test_the_quick_start_says_which_run_of_a_method_stands(
+async def test_the_quick_start_says_which_run_of_a_method_counts(
     site: Any, policy: dict[str, Any], closes_at: datetime | None, words: str
 ) -> None:
     site.create_phase("sample", policy=PhasePolicy(**policy), closes_at=closes_at)
