@@ -99,7 +99,7 @@ def test_a_phase_is_made_on_a_registered_split(running: "Running") -> None:
         0,
         "phase test made, 4 samples, protocol 1.0, quota 5 a day",
     )
-    assert note.startswith("its teams are told: This split holds no recorded drives")
+    assert note.startswith("its teams are told: This split has no recorded drives")
     assert "takes no files now" not in note
     over = ("phases", "create", "over", "--title", "Over", "--split", "tiny")
     made = organize(running, *over, "--closes-at", "2020-01-01T00:00:00Z")
