@@ -1,4 +1,4 @@
-"""Organizers' roles: every route is asked with every role, the deeds one by one from a table."""
+"""Organizers' roles: every route is asked with every role, the actions one by one from a table."""
 
 import html
 import re
@@ -26,7 +26,7 @@ from exceptiondrive_server.operations.cli import app
 from exceptiondrive_server.phases.organizer_pages import SETTINGS
 from exceptiondrive_server.routes import ROUTES
 from exceptiondrive_server.web.forms import text_of
-from exceptiondrive_server.web.organizer_rights import HELPER_DEEDS
+from exceptiondrive_server.web.organizer_rights import HELPER_ACTIONS
 
 if TYPE_CHECKING:
     from tests.support.application import Api, TeamBrowser
@@ -44,7 +44,7 @@ ALL, WRITERS = set(ROLES), {"owner"}
 OF_DEV = {"owner", "owner of dev"}
 SEEN_OF_DEV = ALL - {"owner of other"}
 WHOLE_SITE = {"owner", "helper", "reader"}
-DEEDS = [
+ACTIONS = [
     # method, path, who may
     ("GET", "/organizer/teams", WHOLE_SITE),
     ("GET", "/organizer/audit", WHOLE_SITE),
@@ -114,8 +114,10 @@ def site(api: "Api") -> "Api":
     return api
 
 
-@pytest.mark.parametrize(("method", "path", "may"), DEEDS, ids=[f"{m} {p}" for m, p, _ in DEEDS])
-def test_each_deed_is_for_the_roles_of_the_table(
+@pytest.mark.parametrize(
+    ("method", "path", "may"), ACTIONS, ids=[f"{m} {p}" for m, p, _ in ACTIONS]
+)
+def test_each_action_is_for_the_roles_of_the_table(
     site: "Api", method: str, path: str, may: set[str]
 ) -> None:
     submission = site.submit("a").json()["id"]
@@ -163,10 +165,10 @@ def filled(path: str) -> str:
 def test_no_route_of_the_organizers_lacks_the_guard(
     site: "Api", browse: Callable[..., "TeamBrowser"]
 ) -> None:
-    """Routes that come later are an owner's unless they read, or stand among the helpers' deeds."""
+    """Routes that come later are an owner's unless they read, or stand among the helpers' actions."""
     routes = organizer_routes()
     assert {path for _, path in routes if path.startswith("/organize/")}
-    assert {path for _, path in routes} >= {f"/api/v1/organizer{path}" for path in HELPER_DEEDS}
+    assert {path for _, path in routes} >= {f"/api/v1/organizer{path}" for path in HELPER_ACTIONS}
     browsers = {who: browse(site) for who in ("alpha", "reader", "helper", "owner of other")}
     for who, browser in browsers.items():
         assert browser.sign_in(who).status_code == 303
@@ -180,7 +182,7 @@ def test_no_route_of_the_organizers_lacks_the_guard(
             is_free = {
                 "alpha": False,
                 "reader": is_read,
-                "helper": is_read or path.endswith(tuple(HELPER_DEEDS)),
+                "helper": is_read or path.endswith(tuple(HELPER_ACTIONS)),
                 "owner of other": False,
             }[who]
             if (who, path) == ("owner of other", "/organize"):
@@ -191,15 +193,19 @@ def test_no_route_of_the_organizers_lacks_the_guard(
                 assert status != 403, (who, method, path)
 
 
-def test_a_helper_has_the_same_deeds_on_pages(
+def test_a_helper_has_the_same_actions_on_pages(
     site: "Api", browse: Callable[..., "TeamBrowser"]
 ) -> None:
     submission = site.submit("a").json()["id"]
     browser = browse(site, who="helper")
     form = browser.form(f"/organize/submissions/{submission}/note")
     status = {
-        deed: browser.send(f"/organize/{deed}", form).status_code
-        for deed in (f"submissions/{submission}/retry", "teams/alpha/approve", "teams/alpha/tokens")
+        action: browser.send(f"/organize/{action}", form).status_code
+        for action in (
+            f"submissions/{submission}/retry",
+            "teams/alpha/approve",
+            "teams/alpha/tokens",
+        )
     }
     assert [code == 403 for code in status.values()] == [False, False, True], status
 
@@ -301,8 +307,8 @@ def test_links_of_a_page_lead_to_no_refusal(
 def test_no_page_offers_what_the_role_may_not_do(
     site: "Api", browse: Callable[..., "TeamBrowser"], who: str
 ) -> None:
-    """All pages are walked; where a link leads to a deed, the deed may be done."""
-    fill_with_deeds(site)
+    """All pages are walked; where a link leads to an action, the action may be done."""
+    fill_with_actions(site)
     browser = browse(site, who=who)
     todo, seen = ["/organize"], set[str]()
     while todo:
@@ -317,18 +323,18 @@ def test_no_page_offers_what_the_role_may_not_do(
             todo += {html.unescape(link) for link in links} - seen - set(todo)
         elif "location" in page.headers:
             todo.append(page.headers["location"])
-    deeds = {re.sub(r"/[0-9a-z]{16}/", "/ID/", path).partition("?")[0] for path in seen}
-    assert ("/organize/submissions/ID/note" in deeds) is not who.startswith("reader")
-    assert ("/organize/submissions/ID/disqualify" in deeds) is who.startswith("owner")
-    assert ("/organize/teams/waiting/approve" in deeds) is (who in {"owner", "helper"})
-    assert ("/organize/rescoring/ID/start" in deeds) is who.startswith("owner")
-    for deed in ("teams/alpha/merge", "teams/alpha/allowances/dev", "messages", "rescoring/new"):
-        assert (f"/organize/{deed}" in deeds) is (who == "owner"), deed
-    for deed in ("phases/dev/reported/new", "phases/dev/news", "phases/dev/freeze"):
-        assert (f"/organize/{deed}" in deeds) is who.startswith("owner"), deed
+    actions = {re.sub(r"/[0-9a-z]{16}/", "/ID/", path).partition("?")[0] for path in seen}
+    assert ("/organize/submissions/ID/note" in actions) is not who.startswith("reader")
+    assert ("/organize/submissions/ID/disqualify" in actions) is who.startswith("owner")
+    assert ("/organize/teams/waiting/approve" in actions) is (who in {"owner", "helper"})
+    assert ("/organize/rescoring/ID/start" in actions) is who.startswith("owner")
+    for action in ("teams/alpha/merge", "teams/alpha/allowances/dev", "messages", "rescoring/new"):
+        assert (f"/organize/{action}" in actions) is (who == "owner"), action
+    for action in ("phases/dev/reported/new", "phases/dev/news", "phases/dev/freeze"):
+        assert (f"/organize/{action}" in actions) is who.startswith("owner"), action
 
 
-def fill_with_deeds(site: "Api") -> None:
+def fill_with_actions(site: "Api") -> None:
     """Bring about what organizers act on: a submission, a registration, a question, news."""
     site.submit("a")
     site.submit("b", "beta", phase="other")

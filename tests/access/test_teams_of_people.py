@@ -312,7 +312,7 @@ def test_who_is_removed_while_a_form_of_theirs_is_in_the_air_gets_nothing_of_it(
 
 
 @pytest.mark.parametrize(
-    ("deed", "is_ended"),
+    ("action", "is_ended"),
     [
         (("revoke", {}), True),
         (("rotate", {"keep_days": "0"}), True),
@@ -320,12 +320,12 @@ def test_who_is_removed_while_a_form_of_theirs_is_in_the_air_gets_nothing_of_it(
     ],
 )
 def test_invitations_of_a_token_end_with_it(
-    small_site: "Api", browse: Browse, deed: tuple[str, dict[str, str]], is_ended: bool
+    small_site: "Api", browse: Browse, action: tuple[str, dict[str, str]], is_ended: bool
 ) -> None:
     link = invited_by_token(small_site, browse)
     keeper = browse(small_site, who="alpha")
     token_id = small_site.tokens["alpha"].split("_")[2]
-    done = keeper.post(f"/my/tokens/{token_id}/{deed[0]}", deed[1], page="/my/tokens")
+    done = keeper.post(f"/my/tokens/{token_id}/{action[0]}", action[1], page="/my/tokens")
     assert done.status_code in (200, 303), done.text
     assert browse(small_site).get(link).status_code == (404 if is_ended else 200)
 

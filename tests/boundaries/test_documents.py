@@ -301,7 +301,7 @@ def test_documents_of_the_api_lie_where_the_architecture_says(texts: dict[str, s
         name
         for name, text in code.items()
         if name.startswith("server/")
-        and re.search(r"^class \w+\((Form|Deed)\):", text, re.MULTILINE)
+        and re.search(r"^class \w+\((Form|Action)\):", text, re.MULTILINE)
     }
     assert {Path(name).name for name in bodies - {"server/exceptiondrive_server/web/forms.py"}} == {
         "api.py",

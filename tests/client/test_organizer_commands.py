@@ -253,19 +253,23 @@ def test_a_season_with_teams_from_the_command_line(running: "Running", tmp_path:
         to_all.stderr.split()
     )
     merge = ("teams", "merge", "alef", "--into", "bet", *why)
-    for deed in (merge, ("teams", "forget", "alef", *why), ("people", "forget", "alef", *why)):
-        unasked = organize(running, *deed)
+    for action in (merge, ("teams", "forget", "alef", *why), ("people", "forget", "alef", *why)):
+        unasked = organize(running, *action)
         assert (unasked.exit_code, "add --yes" in unasked.stderr) == (2, True)
     with pytest.MonkeyPatch.context() as on_terminal:
         on_terminal.setattr("exceptiondrive.cli.output.can_ask", lambda: True)
-        for deed in (merge, ("teams", "forget", "alef", *why), ("people", "forget", "alef", *why)):
-            asked = organize(running, *deed)
+        for action in (
+            merge,
+            ("teams", "forget", "alef", *why),
+            ("people", "forget", "alef", *why),
+        ):
+            asked = organize(running, *action)
             assert (asked.exit_code, "alef" in asked.stderr, "for good?" in asked.stderr) == (
                 130,
                 True,
                 True,
             )
-            assert ("Its tokens are revoked" in asked.stderr) == (deed is merge)
+            assert ("Its tokens are revoked" in asked.stderr) == (action is merge)
         assert "one alone stands" in " ".join(organize(running, *merge).stderr.split())
         assert standings(running)["alef"] == ""
         merged = organize(running, *merge, "--yes")

@@ -1,4 +1,4 @@
-"""Pages are kept for a second and made anew after it, each deed with them, and nobody sees another's."""
+"""Pages are kept for a second and made anew after it, each action with them, and nobody sees another's."""
 
 import re
 from collections.abc import Callable
@@ -35,7 +35,7 @@ ADDRESSES = (
     "/phases/test",
     "/protocols/1.0",
 )
-Deed = Callable[["Life", dict[str, str]], object]
+Action = Callable[["Life", dict[str, str]], object]
 
 
 def apply_run(life: "Life", ids: dict[str, str]) -> None:
@@ -45,17 +45,17 @@ def apply_run(life: "Life", ids: dict[str, str]) -> None:
     life.apply(life.start_run(protocol="1.1"))
 
 
-def worked(deed: Deed) -> Deed:
-    """A deed after which workers build a board."""
+def worked(action: Action) -> Action:
+    """An action after which workers build a board."""
 
     def done(life: "Life", ids: dict[str, str]) -> None:
-        deed(life, ids)
+        action(life, ids)
         life.work()
 
     return done
 
 
-DEEDS: dict[str, Deed] = {
+ACTIONS: dict[str, Action] = {
     "a score": worked(lambda life, ids: life.submit("gamma", 4.0, "New", "plain")),
     "a withdrawal": worked(
         lambda life, ids: life.request(
@@ -126,12 +126,12 @@ def pages(life: "Life", ids: dict[str, str]) -> list[str]:
     return [life.client.get(each.format(**ids)).text for each in ADDRESSES]
 
 
-@pytest.mark.parametrize("what", DEEDS)
-def test_a_board_that_is_made_after_a_deed_shows_it(
+@pytest.mark.parametrize("what", ACTIONS)
+def test_a_board_that_is_made_after_an_action_shows_it(
     life: "Life", boarded: dict[str, str], what: str
 ) -> None:
     before = life.client.get(BOARD).text
-    DEEDS[what](life, boarded)
+    ACTIONS[what](life, boarded)
     after = life.client.get(BOARD)
     assert _of_no_request(after.text) != _of_no_request(before)
     assert after.status_code == (404 if what == "its hiding" else 200)
@@ -180,7 +180,7 @@ def test_what_somebody_who_signed_in_sees_is_kept_for_nobody(
         assert all("My submissions" not in page and "/organize" not in page for page in public)
 
 
-def test_who_signed_in_sees_a_deed_though_a_page_is_kept(
+def test_who_signed_in_sees_an_action_though_a_page_is_kept(
     life: "Life", boarded: dict[str, str], clock: Clock
 ) -> None:
     public, own = life.client.get(BOARD).text, visitor(life, "alpha")

@@ -668,8 +668,8 @@ def test_nobody_picks_after_the_reveal(life: "Life") -> None:
     assert [each for each, sheet in sheets.items() if sheet is not None] == [chosen]
     assert sheets[chosen]["n"] == 3
     assert life.get(f"/api/v1/submissions/{older}/receipt", "alpha").status_code == 404
-    for deed, each in (("publish", secret), ("unpublish", other)):
-        refusal = life.request("POST", f"/api/v1/submissions/{each}/{deed}", "beta")
+    for action, each in (("publish", secret), ("unpublish", other)):
+        refusal = life.request("POST", f"/api/v1/submissions/{each}/{action}", "beta")
         assert (refusal.status_code, refusal.json()["code"]) == (409, "conflict")
     life.request("POST", f"/api/v1/submissions/{chosen}/withdraw", "alpha")
     life.work()
@@ -796,8 +796,10 @@ def test_what_comes_within_a_later_deadline_that_a_reveal_ended_is_late(life: "L
     assert after in life.entry_ids("&view=late")
 
 
-@pytest.mark.parametrize("deed", ["unpublish", "withdraw"])
-def test_a_reveal_shows_no_entry_that_its_team_took_back_before_it(life: "Life", deed: str) -> None:
+@pytest.mark.parametrize("action", ["unpublish", "withdraw"])
+def test_a_reveal_shows_no_entry_that_its_team_took_back_before_it(
+    life: "Life", action: str
+) -> None:
     """Workers may have built no board since: what one shows once, it shows for ever."""
     policy = {"frozen_scores": "hidden", "entries_private": True}
     life.make_phase(split="plain", closes_at=life.ahead(60), policy=policy)
@@ -807,7 +809,7 @@ def test_a_reveal_shows_no_entry_that_its_team_took_back_before_it(life: "Life",
     life.work()
     assert life.request("POST", f"/api/v1/submissions/{own}/publish", "beta").status_code == 200
     life.work()
-    assert life.request("POST", f"/api/v1/submissions/{own}/{deed}", "beta").status_code == 200
+    assert life.request("POST", f"/api/v1/submissions/{own}/{action}", "beta").status_code == 200
     life.done("/phases/test/reveal", {"what": "board", "reason": "the end"})
     assert life.entry_ids() == []
     life.work()

@@ -55,10 +55,10 @@ from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.teams import teams
 from exceptiondrive_records.teams.teams import create_team, refuse_team, register_team
 
-Deed = Callable[[Session], Any]
+Action = Callable[[Session], Any]
 
 
-def refusal(database: Database, first: Deed, second: Deed) -> Exception | None:
+def refusal(database: Database, first: Action, second: Action) -> Exception | None:
     """Do `second` while `first` has done all but its end; return why that was refused."""
     errors: list[Exception] = []
 
@@ -80,12 +80,12 @@ def refusal(database: Database, first: Deed, second: Deed) -> Exception | None:
 
 
 @contextmanager
-def interrupted(database: Database, words: str, deed: Deed) -> Iterator[None]:
-    """Let another do a deed just before the first statement with these words is sent."""
+def interrupted(database: Database, words: str, action: Action) -> Iterator[None]:
+    """Let another do an action just before the first statement with these words is sent."""
 
     def do() -> None:
         with database.write() as session:
-            deed(session)
+            action(session)
 
     other = Thread(target=do)
 
@@ -146,7 +146,7 @@ def test_no_more_wishes_change_than_may(world: World, monkeypatch: pytest.Monkey
     with world.database.write() as session:
         one, other = (add(session, world.team_id, f"a{n}@example.org") for n in range(2))
 
-    def change(contact_id: str) -> Deed:
+    def change(contact_id: str) -> Action:
         return lambda session: set_wishes(session, world.team_id, contact_id, [], actor="test")
 
     refused = refusal(world.database, change(one), change(other))
@@ -175,7 +175,7 @@ def test_no_more_teams_wait_for_approval_than_may(
 ) -> None:
     monkeypatch.setattr(teams, limit, 1)
 
-    def register(slug: str) -> Deed:
+    def register(slug: str) -> Action:
         return lambda session: register_team(session, slug, slug, "note", address="203.0.113.1")
 
     refused = refusal(world.database, register("one"), register("two"))
@@ -214,11 +214,11 @@ def test_a_no_ends_a_question_of_the_same_moment(world: World, first: str) -> No
         contact_id = add(session, world.team_id)
         (contact,) = list_contacts(session, world.team_id)
         key = str(contact.secret)
-    deeds: dict[str, Deed] = {
+    actions: dict[str, Action] = {
         "no": lambda session: unsubscribe_contact(session, contact_id, key),
         "question": lambda session: add(session, beta),
     }
-    refused = refusal(world.database, deeds.pop(first), *deeds.values())
+    refused = refusal(world.database, actions.pop(first), *actions.values())
     with world.database.read() as session:
         assert list_contacts(session, beta) == []
     if first == "no":
@@ -228,7 +228,7 @@ def test_a_no_ends_a_question_of_the_same_moment(world: World, first: str) -> No
 
 
 @pytest.mark.parametrize(
-    "deed",
+    "action",
     [
         "token",
         "sign in",
@@ -241,7 +241,7 @@ def test_a_no_ends_a_question_of_the_same_moment(world: World, first: str) -> No
     ],
 )
 def test_who_acts_for_a_team_that_is_refused_at_this_moment_is_told_so(
-    world: World, deed: str
+    world: World, action: str
 ) -> None:
     with world.database.write() as session:
         text, _, team = register_team(session, "gamma", "Gamma", "We are new.")
@@ -253,7 +253,7 @@ def test_who_acts_for_a_team_that_is_refused_at_this_moment_is_told_so(
         link, invitation = invite(session, team_id, "Ada", actor="test")
         invitation_id = invitation.id
     who = principal_of(world.database, text)
-    deeds: dict[str, Deed] = {
+    actions: dict[str, Action] = {
         "token": lambda session: issue_team_token(session, who, "x", tokens.PARTICIPANT_SCOPES),
         "sign in": lambda session: open_token_session(session, who),
         "contact": lambda session: add(session, team_id),
@@ -268,11 +268,11 @@ def test_who_acts_for_a_team_that_is_refused_at_this_moment_is_told_so(
     refused = refusal(
         world.database,
         lambda session: refuse_team(session, "gamma", reason="Unknown to us.", actor="test"),
-        deeds[deed],
+        actions[action],
     )
     assert refused is not None
     assert isinstance(refused, RecordsError) or is_conflict(refused)
-    if deed not in ("withdraw invitation", "join"):
+    if action not in ("withdraw invitation", "join"):
         assert "refused meanwhile: nobody acts for it any more" in str(refused)
 
 

@@ -159,9 +159,9 @@ def test_what_came_while_a_board_was_built_is_built_next(world: World) -> None:
         assert is_board_wanted(session, "dev", *shown_key(session))
 
 
-@pytest.mark.parametrize("deed", ["withdraw", "make private", "disqualify"])
+@pytest.mark.parametrize("action", ["withdraw", "make private", "disqualify"])
 def test_readers_see_no_entry_that_was_taken_back_while_the_board_was_built(
-    world: World, deed: str
+    world: World, action: str
 ) -> None:
     """What a board shows once, it shows for ever."""
     with world.database.write() as session:
@@ -173,9 +173,9 @@ def test_readers_see_no_entry_that_was_taken_back_while_the_board_was_built(
     claim = world.claim_board()
     assert claim is not None
     with world.database.write() as session:
-        if deed == "withdraw":
+        if action == "withdraw":
             withdraw(session, own, actor="test")
-        elif deed == "make private":
+        elif action == "make private":
             unpublish(session, own, actor="test")
         else:
             disqualify_submission(session, own, reason="a copy", actor="test")

@@ -29,9 +29,9 @@ from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.jobs import Lane
 
 
-@pytest.mark.parametrize("deed", ["withdrawal", "merge"])
+@pytest.mark.parametrize("action", ["withdrawal", "merge"])
 def test_who_changes_a_submission_waits_for_the_scoring_run_that_ends(
-    world: World, deed: str
+    world: World, action: str
 ) -> None:
     accepted = world.submit("file")
     with world.database.write() as session:
@@ -42,7 +42,7 @@ def test_who_changes_a_submission_waits_for_the_scoring_run_that_ends(
     def change_it() -> None:
         try:
             with world.database.write() as session:
-                if deed == "withdrawal":
+                if action == "withdrawal":
                     withdraw(session, accepted.submission.id, actor="test")
                 else:
                     merge_teams(session, "alpha", "beta", reason="one lab", actor="test")
@@ -70,7 +70,7 @@ def test_who_changes_a_submission_waits_for_the_scoring_run_that_ends(
     ends = {"withdrawal": SubmissionStatus.WITHDRAWN, "merge": SubmissionStatus.SCORED}
     with world.database.read() as session:
         assert session.get_one(Job, accepted.job_id).state is WorkState.DONE
-        assert session.get_one(Submission, accepted.submission.id).status is ends[deed]
+        assert session.get_one(Submission, accepted.submission.id).status is ends[action]
 
 
 def test_a_change_of_the_phase_waits_for_no_board_that_waits_for_it(world: World) -> None:

@@ -1,4 +1,4 @@
-"""What organizers do with teams: every deed in the records, its way back, and two at once."""
+"""What organizers do with teams: every action in the records, its way back, and two at once."""
 
 import re
 from concurrent.futures import ThreadPoolExecutor
@@ -283,15 +283,15 @@ def test_nothing_tells_a_team_of_a_hidden_phase_to_which_it_sent_nothing(world: 
     world.scored("a", "Planner")
     with world.database.write() as session:
         find_phase(session, "dev").visibility = "hidden"
-    deeds: tuple[Any, ...] = (
+    actions: tuple[Any, ...] = (
         partial(set_allowance, phase_id="dev", quota_total=9, **WHY),
         partial(disqualify_team, phase_id="dev", **WHY),
     )
-    for deed in deeds:
+    for action in actions:
         with pytest.raises(Conflict, match="show it first"), world.database.write() as session:
-            deed(session, "beta")
+            action(session, "beta")
         with world.database.write() as session:
-            deed(session, "alpha")
+            action(session, "alpha")
     assert told(world, beta) == []
     assert len(told(world)) == 2, "who submitted before it was hidden knows of it"
     with world.database.write() as session:
@@ -560,9 +560,11 @@ def rows_about(world: World, team_id: int) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize(
-    "deed", [partial(forget_team, slug="beta"), partial(merge_teams, slug="beta", into="alpha")]
+    "action", [partial(forget_team, slug="beta"), partial(merge_teams, slug="beta", into="alpha")]
 )
-def test_what_is_forgotten_or_merged_takes_nothing_of_another_team(world: World, deed: Any) -> None:
+def test_what_is_forgotten_or_merged_takes_nothing_of_another_team(
+    world: World, action: Any
+) -> None:
     with_all_that_a_team_has(world, "beta")
     gamma = with_all_that_a_team_has(world, "gamma")
     before = rows_about(world, gamma)
@@ -571,7 +573,7 @@ def test_what_is_forgotten_or_merged_takes_nothing_of_another_team(world: World,
         "questions", "sessions", "submissions", "tokens",
     }  # fmt: skip
     with world.database.write() as session:
-        deed(session, **WHY)
+        action(session, **WHY)
     assert rows_about(world, gamma) == before
 
 
@@ -601,18 +603,18 @@ def test_nobody_is_let_in_to_a_team_that_is_none_any_more(world: World) -> None:
             invite(session, team_id, "an organizer", actor=WHO)
 
 
-def test_no_deed_of_a_season_is_done_to_a_team_that_is_none_any_more(world: World) -> None:
+def test_no_action_of_a_season_is_done_to_a_team_that_is_none_any_more(world: World) -> None:
     """It would be told as done, and change no board."""
     another(world)
     with world.database.write() as session:
         merge_teams(session, "beta", "alpha", **WHY)
-    for deed, words in (
+    for action, words in (
         (partial(change_team, name="Gone"), "nobody acts"),
         (partial(set_allowance, phase_id="dev", quota_total=1), "nobody acts"),
         (disqualify_team, "part of the team alpha, with all that it sent"),
     ):
         with pytest.raises(Conflict, match=words), world.database.write() as session:
-            deed(session, "beta", **WHY)
+            action(session, "beta", **WHY)
 
 
 def test_teams_with_the_same_bytes_disqualified_or_forgotten_are_not_merged(world: World) -> None:
@@ -710,7 +712,7 @@ def test_a_message_reaches_inbox_and_addresses_once(world: World) -> None:
 @pytest.mark.postgres
 @pytest.mark.parametrize("database_url", ["postgres"], indirect=True)
 @pytest.mark.parametrize(
-    ("meanwhile", "deed"),
+    ("meanwhile", "action"),
     [
         (partial(merge_teams, slug="beta", into="alpha", **WHY), partial(merge_teams, into="beta")),
         (partial(merge_teams, slug="beta", into="alpha", **WHY), forget_team),
@@ -718,20 +720,20 @@ def test_a_message_reaches_inbox_and_addresses_once(world: World) -> None:
     ],
     ids=["merge", "forget", "refuse"],
 )
-def test_a_deed_is_judged_by_what_another_did_to_the_team_meanwhile(
-    world: World, meanwhile: Any, deed: Any
+def test_an_action_is_judged_by_what_another_did_to_the_team_meanwhile(
+    world: World, meanwhile: Any, action: Any
 ) -> None:
     """Whoever waits for the lock of a team has looked at it before; SQLite takes one writer at a time."""
     with world.database.write() as session:
         create_team(session, "beta", "Beta", actor=WHO)
         create_team(session, "gamma", "Gamma", actor=WHO).pending_since = database_now(session)
-    slug = {forget_team: "beta", refuse_team: "gamma"}.get(deed, "alpha")
+    slug = {forget_team: "beta", refuse_team: "gamma"}.get(action, "alpha")
     with world.database.write() as session:
         looked_at = list_teams(session)
         with world.database.write() as other:
             meanwhile(other)
         with pytest.raises(Conflict, match=r"is approved|part of"):
-            deed(session, slug=slug, **WHY)
+            action(session, slug=slug, **WHY)
         assert len(looked_at) == 3
 
 
@@ -768,9 +770,9 @@ def test_an_entry_that_is_of_another_team_by_now_is_neither_disqualified_nor_rei
 @pytest.mark.postgres
 @pytest.mark.parametrize("database_url", ["postgres"], indirect=True)
 @pytest.mark.parametrize(
-    "deed", [partial(merge_teams, slug="alpha", into="beta"), partial(forget_team, slug="alpha")]
+    "action", [partial(merge_teams, slug="alpha", into="beta"), partial(forget_team, slug="alpha")]
 )
-def test_nobody_is_let_in_for_a_team_that_has_gone_meanwhile(world: World, deed: Any) -> None:
+def test_nobody_is_let_in_for_a_team_that_has_gone_meanwhile(world: World, action: Any) -> None:
     another(world)
     with world.database.write() as session:
         person = welcome_person(session, Identity("https://login.example.org", "1")).id
@@ -778,7 +780,7 @@ def test_nobody_is_let_in_for_a_team_that_has_gone_meanwhile(world: World, deed:
     with world.database.write() as session:
         looked_at, (_, team) = list_teams(session), find_invitation(session, link, person)
         with world.database.write() as other:
-            deed(other, **WHY)
+            action(other, **WHY)
         for letting_in in (
             partial(issue_token, session, world.team_id, "laptop", actor=WHO),
             partial(invite, session, world.team_id, WHO, actor=WHO),

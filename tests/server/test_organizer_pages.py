@@ -240,8 +240,8 @@ def test_the_list_shows_scores_and_the_page_of_one_all_that_is_done_with_it(
     story = organizer.get(f"{here}/story").text
     assert "story.css" in story
     assert "<style" not in story, "the site allows none"
-    for deed in ("verify", "note", "file", "folder", "story"):
-        assert f'href="{here}/{deed}"' in page
+    for action in ("verify", "note", "file", "folder", "story"):
+        assert f'href="{here}/{action}"' in page
     note = {"words": "We look into it.\n\nBack on Monday."}
     sent = organizer.post(f"{here}/note", note, page=f"{here}/note")
     assert (sent.status_code, sent.headers["location"]) == (303, f"{here}?done=team_told")
@@ -316,7 +316,7 @@ def test_answers_are_kept_by_nobody(organizer: "TeamBrowser") -> None:
         assert "script-src 'self'" in answer.headers["content-security-policy"]
 
 
-def test_deeds_of_a_phase_are_grouped_and_what_would_be_refused_is_not_offered(
+def test_actions_of_a_phase_are_grouped_and_what_would_be_refused_is_not_offered(
     api: "Api", organizer: "TeamBrowser"
 ) -> None:
     page = organizer.get("/organize/phases/dev").text

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 Open = Callable[..., "TeamBrowser"]
 WHY = {"reason": "two accounts of one lab"}
-DEEDS: list[tuple[str, str, Any]] = [
+ACTIONS: list[tuple[str, str, Any]] = [
     ("GET", "teams/alpha/participation", None),
     ("PATCH", "teams/alpha", {**WHY, "name": "Gamma"}),
     ("POST", "teams/alpha/merge", {**WHY, "into": "beta"}),
@@ -58,7 +58,7 @@ def organizer(api_on_both: "Api", browse: Open) -> "TeamBrowser":
     return browse(api_on_both, who="organizer")
 
 
-@pytest.mark.parametrize(("method", "path", "body"), DEEDS)
+@pytest.mark.parametrize(("method", "path", "body"), ACTIONS)
 def test_a_team_may_do_none_of_it(
     api: "Api", as_problem: Callable[..., Any], method: str, path: str, body: Any
 ) -> None:
@@ -173,12 +173,12 @@ def test_a_team_that_became_part_of_another_is_written_to_and_changed_no_more(
     api = api_on_both
     why = {**WHY, "into": "beta"}
     here = "/organize/teams/alpha"
-    deeds = (f"{here}/merge", f"{here}/disqualify", f"{here}/tokens", "messages?team=alpha")
+    actions = (f"{here}/merge", f"{here}/disqualify", f"{here}/tokens", "messages?team=alpha")
     before = organizer.get(here).text
-    assert [deed for deed in deeds if deed not in before] == []
+    assert [action for action in actions if action not in before] == []
     assert api.post("/organizer/teams/alpha/merge", "organizer", json=why).status_code == 200
     page = organizer.get(here).text
-    assert [deed for deed in deeds if deed in page] == []
+    assert [action for action in actions if action in page] == []
     assert 'part of <a href="/organize/teams/beta">Beta</a>' in page
     assert (
         'part of <a href="/organize/teams/beta">Beta</a>' in organizer.get("/organize/teams").text
@@ -529,7 +529,7 @@ def test_verify_finds_what_decides_a_board_and_nobody_did(
     assert out.is_success
     for rank in (1, 2):
         api.publish(make_entry("Planner", submission_id=own, rank=rank))
-    with api.database.write() as session:  # a deed of its own that moves a date, and says so
+    with api.database.write() as session:  # an action of its own that moves a date, and says so
         phase = session.get_one(Phase, "dev")
         before, phase.closes_at = (
             deciding_settings(phase)["closes_at"],

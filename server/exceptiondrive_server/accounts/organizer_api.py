@@ -15,7 +15,7 @@ from exceptiondrive_records.participation.forgetting import forget_person
 from exceptiondrive_records.teams.teams import find_team
 from exceptiondrive_server.accounts.queries import TokenView, token_views
 from exceptiondrive_server.web.auth import Organizer, ServicesOf
-from exceptiondrive_server.web.forms import Deed, Form
+from exceptiondrive_server.web.forms import Action, Form
 from exceptiondrive_server.web.path_ids import TeamId
 
 router = APIRouter()
@@ -78,14 +78,14 @@ def post_organizer(
 
 @router.post("/people/{person_id}/forget", operation_id="forgetPerson")
 def post_forgetting(
-    services: ServicesOf, organizer: Organizer, person_id: PersonId, deed: Deed
+    services: ServicesOf, organizer: Organizer, person_id: PersonId, action: Action
 ) -> ChangedPerson:
     """Take a person out of their teams and of the records, whose id alone stays.
 
     The reason stays in the audit log: name nobody in it. `still_work` says which tokens they made.
     """
     with services.database.write() as session:
-        person = forget_person(session, person_id, reason=deed.reason, actor=organizer.actor)
+        person = forget_person(session, person_id, reason=action.reason, actor=organizer.actor)
         return _changed_person(session, person)
 
 

@@ -16,7 +16,7 @@ from exceptiondrive_records.boards.reported_files import MAX_CITE
 from exceptiondrive_records.phases.phases import find_phase
 from exceptiondrive_server.boards.reported import ReportedBoardView, reported_of, reported_view
 from exceptiondrive_server.web.auth import Organizer, ServicesOf
-from exceptiondrive_server.web.forms import Deed, Form
+from exceptiondrive_server.web.forms import Action, Form
 from exceptiondrive_server.web.path_ids import PhaseId
 
 router = APIRouter(prefix="/phases/{phase_id}/reported")
@@ -58,11 +58,11 @@ def post_withdrawal(
     organizer: Organizer,
     phase_id: PhaseId,
     reported_id: ReportedId,
-    deed: Deed,
+    action: Action,
 ) -> ReportedBoardView:
     """Take the rows of another board away from a phase; they can be imported again."""
     with services.database.write() as session:
         row = withdraw_reported_board(
-            session, phase_id, reported_id, reason=deed.reason, actor=organizer.actor
+            session, phase_id, reported_id, reason=action.reason, actor=organizer.actor
         )
         return reported_view(row, measured_on(session, find_phase(session, phase_id)))

@@ -17,7 +17,7 @@ from exceptiondrive_server.news.views import (
     question_view,
 )
 from exceptiondrive_server.web.auth import Organizer, ServicesOf
-from exceptiondrive_server.web.forms import Deed, Form
+from exceptiondrive_server.web.forms import Action, Form
 from exceptiondrive_server.web.markdown import plain_text
 
 router = APIRouter()
@@ -70,12 +70,12 @@ def post_news(services: ServicesOf, organizer: Organizer, phase_id: Id, news: Ne
 
 @router.post("/news/{news_id}/withdraw", operation_id="withdrawNews")
 def post_withdrawal(
-    services: ServicesOf, organizer: Organizer, news_id: Id, deed: Deed
+    services: ServicesOf, organizer: Organizer, news_id: Id, action: Action
 ) -> NewsView:
     """Take news from page and feed; what teams were told stays told."""
     with services.database.write() as session:
         actor = organizer.actor
-        return news_view(withdraw_news(session, news_id, reason=deed.reason, actor=actor))
+        return news_view(withdraw_news(session, news_id, reason=action.reason, actor=actor))
 
 
 @router.get("/questions", operation_id="listAllQuestions")

@@ -1,6 +1,6 @@
 """Operator commands on tokens: how an organizer comes in first, and how a lost token is ended.
 
-Every other deed is an organizer's: `exceptiondrive organizer ...`, over the API.
+Every other action is an organizer's: `exceptiondrive organizer ...`, over the API.
 """
 
 from collections.abc import Iterator

@@ -35,7 +35,7 @@ from exceptiondrive_server.participation.queries import (
     participation_of,
 )
 from exceptiondrive_server.web.auth import Organizer, ServicesOf
-from exceptiondrive_server.web.forms import Deed, Form
+from exceptiondrive_server.web.forms import Action, Form
 from exceptiondrive_server.web.path_ids import PhaseId, SubmissionId, TeamId
 
 router = APIRouter()
@@ -43,7 +43,7 @@ Quota = Annotated[int, Field(ge=1, le=1_000_000)]
 MAX_TABLE = 200_000
 
 
-class TeamChange(Deed):
+class TeamChange(Action):
     """What is changed of a team; what is left out stays."""
 
     name: Annotated[str | None, Field(max_length=400)] = None
@@ -58,7 +58,7 @@ class ChangedTeam(BaseModel):
     affiliation: str
 
 
-class Merge(Deed):
+class Merge(Action):
     """Of which team this one becomes a part."""
 
     into: Annotated[str, Field(max_length=64, description="id of a team")]
@@ -72,7 +72,7 @@ class Merged(BaseModel):
     n_submissions: int
 
 
-class EntryDisqualification(Deed):
+class EntryDisqualification(Action):
     """Why an entry is disqualified."""
 
     public_note: Annotated[str | None, Field(max_length=MAX_NOTE)] = None
@@ -85,7 +85,7 @@ class TeamDisqualification(EntryDisqualification):
     phase: Annotated[str | None, Field(max_length=64, description="null: in every phase")] = None
 
 
-class NewAllowance(Deed):
+class NewAllowance(Action):
     """What a team has in a phase instead of what all have; null: as all, left out: as it is."""
 
     closes_at: Time | None = None
@@ -174,14 +174,14 @@ def post_merge(services: ServicesOf, organizer: Organizer, team_id: TeamId, merg
 
 @router.post("/teams/{team_id}/forget", operation_id="forgetTeam")
 def post_forgetting(
-    services: ServicesOf, organizer: Organizer, team_id: TeamId, deed: Deed
+    services: ServicesOf, organizer: Organizer, team_id: TeamId, action: Action
 ) -> ChangedTeam:
     """Take everything personal of a team out of the records; an alias stands on every board.
 
     The reason stays in the audit log: name nobody in it.
     """
     with services.database.write() as session:
-        team = forget_team(session, team_id, reason=deed.reason, actor=organizer.actor)
+        team = forget_team(session, team_id, reason=action.reason, actor=organizer.actor)
         return ChangedTeam(id=team.slug, name=team.name, affiliation=team.affiliation)
 
 
@@ -231,11 +231,11 @@ def post_reinstatement(
     services: ServicesOf,
     organizer: Organizer,
     disqualification_id: Annotated[int, Path(ge=1, le=2**31 - 1)],
-    deed: Deed,
+    action: Action,
 ) -> DisqualificationView:
     """End a disqualification: the next board shows what no other one keeps off it."""
     with services.database.write() as session:
-        row = reinstate(session, disqualification_id, reason=deed.reason, actor=organizer.actor)
+        row = reinstate(session, disqualification_id, reason=action.reason, actor=organizer.actor)
         return disqualification_view(session, row)
 
 

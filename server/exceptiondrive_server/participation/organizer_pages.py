@@ -1,4 +1,4 @@
-"""What organizers do with teams, each deed a step of its own, and messages with a preview."""
+"""What organizers do with teams, each action a step of its own, and messages with a preview."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -205,17 +205,17 @@ def forget(services: ServicesOf, team_id: TeamId) -> Step:
 
 
 def _retype_field(team: Team) -> FormField:
-    """What is typed before a deed that cannot be taken back."""
+    """What is typed before an action that cannot be taken back."""
     return FormField("again", f"Type {team.slug}", is_required=True, max_length=64)
 
 
-def _once_typed(team: Team, deed: Callable[..., Any]) -> Callable[..., Any]:
-    """Return a deed on a team that is done only if its id was typed once more."""
+def _once_typed(team: Team, action: Callable[..., Any]) -> Callable[..., Any]:
+    """Return an action on a team that is done only if its id was typed once more."""
 
     def take(session: Session, *, again: str, **given: str) -> Any:
         if again != team.slug:
             raise InvalidRecord("Type the id of the team once more: this cannot be taken back.")
-        return deed(session, team.slug, **given)
+        return action(session, team.slug, **given)
 
     return take
 

@@ -26,7 +26,7 @@ from exceptiondrive_schemas.api.submission import PhaseView
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_server.phases.export import export_phase
 from exceptiondrive_server.web.auth import Organizer, ServicesOf
-from exceptiondrive_server.web.forms import Deed
+from exceptiondrive_server.web.forms import Action
 from exceptiondrive_server.web.organizer_rights import require_order_right
 from exceptiondrive_server.web.path_ids import PhaseId
 from exceptiondrive_server.web.responses import origin_of
@@ -35,7 +35,7 @@ from exceptiondrive_server.web.services import Services
 router = APIRouter()
 
 
-class Reveal(Deed):
+class Reveal(Action):
     """What is to be shown: the board behind a freeze, the names, or the other part of the split."""
 
     what: Literal["board", "names", "split"]
@@ -74,7 +74,7 @@ def patch_phase(
 
 @router.post("/phases/{phase_id}/feature", operation_id="featurePhase")
 def post_feature(
-    services: ServicesOf, organizer: Organizer, phase_id: PhaseId, step: Deed
+    services: ServicesOf, organizer: Organizer, phase_id: PhaseId, step: Action
 ) -> PhaseView:
     """Put a phase before all others: in lists, and on the front page."""
     with services.database.write() as session:
@@ -84,7 +84,7 @@ def post_feature(
 
 @router.post("/phases/{phase_id}/delete", operation_id="deletePhase")
 def post_deletion(
-    services: ServicesOf, organizer: Organizer, phase_id: PhaseId, step: Deed
+    services: ServicesOf, organizer: Organizer, phase_id: PhaseId, step: Action
 ) -> PhaseView:
     """Delete a phase in which nothing was ever submitted or rescored, with its empty boards."""
     with services.database.write() as session:
@@ -108,7 +108,7 @@ def get_export(
 
 @router.post("/phases/{phase_id}/freeze", operation_id="freezePhase")
 def post_freeze(
-    services: ServicesOf, organizer: Organizer, phase_id: PhaseId, step: Deed
+    services: ServicesOf, organizer: Organizer, phase_id: PhaseId, step: Action
 ) -> PhaseView:
     """Freeze the public board now; scoring goes on."""
     with services.database.write() as session:

@@ -25,7 +25,7 @@ from exceptiondrive_schemas.api.confirmation import Confirmation
 from exceptiondrive_schemas.protocols.difference import Difference
 from exceptiondrive_server.protocols.api import TOML, ProtocolHead, protocol_head
 from exceptiondrive_server.web.auth import Organizer, ServicesOf
-from exceptiondrive_server.web.forms import Deed
+from exceptiondrive_server.web.forms import Action
 
 router = APIRouter()
 MAX_PROTOCOL_CHARACTERS = 200_000
@@ -80,11 +80,11 @@ def get_any_protocol(services: ServicesOf, version: Version) -> Response:
 
 @router.post("/protocols/{version}/delete", operation_id="deleteProtocol")
 def post_deletion(
-    services: ServicesOf, organizer: Organizer, version: Version, deed: Deed
+    services: ServicesOf, organizer: Organizer, version: Version, action: Action
 ) -> ProtocolHead:
     """Delete a protocol that nothing was made of: neither phase, run, board nor sheet."""
     with services.database.write() as session:
-        gone = delete_protocol(session, version, reason=deed.reason, actor=organizer.actor)
+        gone = delete_protocol(session, version, reason=action.reason, actor=organizer.actor)
     return protocol_head(gone)
 
 
@@ -131,11 +131,11 @@ def post_confirmation(
 
 @router.post("/confirmations/{confirmation_id}/withdraw", operation_id="withdrawConfirmation")
 def post_withdrawal(
-    services: ServicesOf, organizer: Organizer, confirmation_id: ConfirmationId, deed: Deed
+    services: ServicesOf, organizer: Organizer, confirmation_id: ConfirmationId, action: Action
 ) -> list[ConfirmationView]:
     """Take a confirmation back; return those that stay."""
     with services.database.write() as session:
-        withdraw_confirmation(session, confirmation_id, deed.reason, organizer.actor)
+        withdraw_confirmation(session, confirmation_id, action.reason, organizer.actor)
     return get_confirmations(services)
 
 

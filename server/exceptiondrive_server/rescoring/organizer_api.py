@@ -14,7 +14,7 @@ from exceptiondrive_records.rescoring.views import preview_of, run_view, run_vie
 from exceptiondrive_schemas.api.rescoring import PreviewView, RunView, VerificationView
 from exceptiondrive_server.rescoring.exports import comparison_csv
 from exceptiondrive_server.web.auth import Organizer, ServicesOf
-from exceptiondrive_server.web.forms import Deed
+from exceptiondrive_server.web.forms import Action
 from exceptiondrive_server.web.services import Services
 
 router = APIRouter()
@@ -22,7 +22,7 @@ RunId = Annotated[str, Path(max_length=64, description="of the run")]
 PhaseQuery = Annotated[str | None, Query(max_length=64, description="only of this phase")]
 
 
-class NewRun(Deed):
+class NewRun(Action):
     """A run to be drafted: a protocol, a split revision, or both."""
 
     phase: Annotated[str, Field(max_length=64)]
@@ -30,14 +30,14 @@ class NewRun(Deed):
     split_revision: Annotated[str, Field(max_length=100)] | None = None
 
 
-class ApplyStep(Deed):
+class ApplyStep(Action):
     """The step that readers see."""
 
     preview: Annotated[str, Field(max_length=100)]
     """Digest of the preview that was looked at."""
 
 
-class NewVerification(Deed):
+class NewVerification(Action):
     """Sheets to be recomputed; without a sample all of them."""
 
     phase: Annotated[str, Field(max_length=64)]
@@ -123,27 +123,35 @@ def get_preview_csv(services: ServicesOf, run_id: RunId) -> Response:
 
 
 @router.post("/rescoring/{run_id}/start", operation_id="startRun")
-def post_start(services: ServicesOf, organizer: Organizer, run_id: RunId, deed: Deed) -> RunView:
+def post_start(
+    services: ServicesOf, organizer: Organizer, run_id: RunId, action: Action
+) -> RunView:
     """Begin to score in the background."""
-    return _step(services, changes.start_run, organizer.actor, run_id, deed)
+    return _step(services, changes.start_run, organizer.actor, run_id, action)
 
 
 @router.post("/rescoring/{run_id}/pause", operation_id="pauseRun")
-def post_pause(services: ServicesOf, organizer: Organizer, run_id: RunId, deed: Deed) -> RunView:
+def post_pause(
+    services: ServicesOf, organizer: Organizer, run_id: RunId, action: Action
+) -> RunView:
     """Let no further sheet of the run begin."""
-    return _step(services, changes.pause_run, organizer.actor, run_id, deed)
+    return _step(services, changes.pause_run, organizer.actor, run_id, action)
 
 
 @router.post("/rescoring/{run_id}/resume", operation_id="resumeRun")
-def post_resume(services: ServicesOf, organizer: Organizer, run_id: RunId, deed: Deed) -> RunView:
+def post_resume(
+    services: ServicesOf, organizer: Organizer, run_id: RunId, action: Action
+) -> RunView:
     """Go on, and try failed sheets again."""
-    return _step(services, changes.resume_run, organizer.actor, run_id, deed)
+    return _step(services, changes.resume_run, organizer.actor, run_id, action)
 
 
 @router.post("/rescoring/{run_id}/cancel", operation_id="cancelRun")
-def post_cancel(services: ServicesOf, organizer: Organizer, run_id: RunId, deed: Deed) -> RunView:
+def post_cancel(
+    services: ServicesOf, organizer: Organizer, run_id: RunId, action: Action
+) -> RunView:
     """End a run that was not applied; the board never changed."""
-    return _step(services, changes.cancel_run, organizer.actor, run_id, deed)
+    return _step(services, changes.cancel_run, organizer.actor, run_id, action)
 
 
 @router.post("/rescoring/{run_id}/apply", operation_id="applyRun")
@@ -158,21 +166,25 @@ def post_apply(
 
 
 @router.post("/rescoring/{run_id}/rollback", operation_id="rollbackRun")
-def post_rollback(services: ServicesOf, organizer: Organizer, run_id: RunId, deed: Deed) -> RunView:
+def post_rollback(
+    services: ServicesOf, organizer: Organizer, run_id: RunId, action: Action
+) -> RunView:
     """Show the board under the earlier protocol again."""
     flip.work_out(services.database, run_id)
-    return _step(services, flip.rollback_run, organizer.actor, run_id, deed)
+    return _step(services, flip.rollback_run, organizer.actor, run_id, action)
 
 
 @router.post("/rescoring/{run_id}/close", operation_id="closeRun")
-def post_close(services: ServicesOf, organizer: Organizer, run_id: RunId, deed: Deed) -> RunView:
+def post_close(
+    services: ServicesOf, organizer: Organizer, run_id: RunId, action: Action
+) -> RunView:
     """End an applied run for good: it can no longer be rolled back."""
-    return _step(services, changes.close_run, organizer.actor, run_id, deed)
+    return _step(services, changes.close_run, organizer.actor, run_id, action)
 
 
 def _step(
-    services: Services, take: Callable[..., RescoringRun], actor: str, run_id: str, deed: Deed
+    services: Services, take: Callable[..., RescoringRun], actor: str, run_id: str, action: Action
 ) -> RunView:
     with services.database.write() as session:
-        take(session, run_id, reason=deed.reason, actor=actor)
+        take(session, run_id, reason=action.reason, actor=actor)
     return get_run(services, run_id)

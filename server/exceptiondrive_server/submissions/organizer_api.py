@@ -21,7 +21,7 @@ from exceptiondrive_server.submissions.download import any_upload, archive
 from exceptiondrive_server.submissions.story import SubmissionStory, story_folder, story_of
 from exceptiondrive_server.web.auth import Organizer, ServicesOf
 from exceptiondrive_server.web.etag import UNCHANGED
-from exceptiondrive_server.web.forms import Deed, Form
+from exceptiondrive_server.web.forms import Action, Form
 from exceptiondrive_server.web.path_ids import SubmissionId
 
 router = APIRouter()
@@ -88,21 +88,21 @@ def get_folder(services: ServicesOf, organizer: Organizer, submission_id: Submis
     "/submissions/{submission_id}/verify", operation_id="verifySubmission", status_code=202
 )
 def post_verify(
-    services: ServicesOf, organizer: Organizer, submission_id: SubmissionId, deed: Deed
+    services: ServicesOf, organizer: Organizer, submission_id: SubmissionId, action: Action
 ) -> VerificationView:
     """Recompute its score from the upload, and demand every bit again; nothing is changed."""
     with services.database.write() as session:
-        run = verify_submission(session, submission_id, reason=deed.reason, actor=organizer.actor)
+        run = verify_submission(session, submission_id, reason=action.reason, actor=organizer.actor)
         return verification_view(session, run.id)
 
 
 @router.post("/submissions/{submission_id}/restore", operation_id="restoreSubmission")
 def post_restore(
-    services: ServicesOf, organizer: Organizer, submission_id: SubmissionId, deed: Deed
+    services: ServicesOf, organizer: Organizer, submission_id: SubmissionId, action: Action
 ) -> SubmissionView:
     """Let a withdrawn submission stand again, at its old place in time."""
     with services.database.write() as session:
-        restore_submission(session, submission_id, reason=deed.reason, actor=organizer.actor)
+        restore_submission(session, submission_id, reason=action.reason, actor=organizer.actor)
     with services.database.read() as session:
         return view(session, find_submission(session, submission_id))
 
@@ -121,12 +121,12 @@ def post_note(
 
 @router.post("/submissions/{submission_id}/retry", operation_id="retrySubmission")
 def post_retry(
-    services: ServicesOf, organizer: Organizer, submission_id: SubmissionId, deed: Deed
+    services: ServicesOf, organizer: Organizer, submission_id: SubmissionId, action: Action
 ) -> SubmissionView:
     """Queue a failed submission again, with all its attempts."""
     with services.database.write() as session:
         submission = retry_submission(
-            session, submission_id, actor=organizer.actor, reason=deed.reason
+            session, submission_id, actor=organizer.actor, reason=action.reason
         )
         session.flush()
         return view(session, submission)

@@ -48,7 +48,7 @@ SHOWN_PAIRS = 100
 SHOWN_OF_A_TEAM = 10
 Choice = Annotated[str, Query(max_length=64)]
 
-Deed = Literal["retry", "verify", "restore", "note"]
+Action = Literal["retry", "verify", "restore", "note"]
 WORDS = FormField(
     "words",
     "What the team is told",
@@ -159,12 +159,12 @@ def show_story(browser: OrganizerBrowser, submission_id: SubmissionId) -> Respon
     return HTMLResponse(text, headers={"Cache-Control": "no-store"})
 
 
-@step_at(router, "/submissions/{submission_id}/{deed}")
-def deed_on(services: ServicesOf, submission_id: SubmissionId, deed: Deed) -> Step:
+@step_at(router, "/submissions/{submission_id}/{action}")
+def action_on(services: ServicesOf, submission_id: SubmissionId, action: Action) -> Step:
     """Try a submission again, recompute it, restore it, or write to its team."""
     with services.database.read() as session:
         submission = find_submission(session, submission_id)
-    method, of = submission.method, f"exceptiondrive organizer submissions {deed} {submission.id}"
+    method, of = submission.method, f"exceptiondrive organizer submissions {action} {submission.id}"
     step = Step(
         section="submissions",
         title=f"Try {method} again",
@@ -178,7 +178,7 @@ def deed_on(services: ServicesOf, submission_id: SubmissionId, deed: Deed) -> St
         take=partial(retry_submission, submission_id=submission_id),
         done="submission_retried",
     )
-    match deed:
+    match action:
         case "retry":
             why = f"{submission.failure_code}: {submission.failure_message}"
             return replace(step, facts=(("Failed with", why),) if submission.failure_code else ())

@@ -27,7 +27,7 @@ from exceptiondrive_server.accounts.queries import (
 )
 from exceptiondrive_server.participation.queries import standings_of_teams
 from exceptiondrive_server.web.auth import Organizer, ServicesOf
-from exceptiondrive_server.web.forms import Deed, Form
+from exceptiondrive_server.web.forms import Action, Form
 from exceptiondrive_server.web.path_ids import TeamId
 
 router = APIRouter()
@@ -94,12 +94,12 @@ def post_approval(services: ServicesOf, organizer: Organizer, team_id: TeamId) -
 
 @router.post("/teams/{team_id}/refuse", operation_id="refuseTeam")
 def post_refusal(
-    services: ServicesOf, organizer: Organizer, team_id: TeamId, deed: Deed
+    services: ServicesOf, organizer: Organizer, team_id: TeamId, action: Action
 ) -> TeamView:
     """Refuse a registration: the team and its tokens go, the reason stays in the audit log."""
     with services.database.write() as session:
         refused = _team(find_team(session, team_id))
-        refuse_team(session, team_id, reason=deed.reason, actor=organizer.actor)
+        refuse_team(session, team_id, reason=action.reason, actor=organizer.actor)
     return refused
 
 

@@ -258,7 +258,7 @@ class Form(BaseModel):
     model_config = ConfigDict(extra="forbid")
 
 
-class Deed(Form):
-    """Something that an organizer does, and why."""
+class Action(Form):
+    """An action of an organizer, and why."""
 
     reason: Annotated[str, Field(min_length=1, max_length=1000)]

@@ -1,6 +1,6 @@
 """Public pages that are kept, each for `MAX_AGE_S`: however many ask, it is made about once a second.
 
-What was written since it was made is seen when it is made anew, the deeds of other processes and what
+What was written since it was made is seen when it is made anew, the actions of other processes and what
 turns by the clock alone (a deadline) with it.
 """
 

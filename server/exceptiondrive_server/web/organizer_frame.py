@@ -143,7 +143,7 @@ def has_text(find: str, *texts: str) -> bool:
 
 @dataclass(frozen=True)
 class Step:
-    """A deed of an organizer: what its page says and asks, and what does it."""
+    """The page of an action of an organizer: what it says and asks, and what does it."""
 
     section: str
     title: str

@@ -1,6 +1,6 @@
 """Which organizer may use which route: one table, asked once for the API and for pages.
 
-Whoever reads needs the role read-only, whoever changes anything the role owner, but for the deeds of
+Whoever reads needs the role read-only, whoever changes anything the role owner, but for the actions of
 helpers below. A route whose path names a phase, a run, a submission, news, a question or an entry's
 disqualification is a phase's, unless it moves other phases, too; so are lists that are narrowed to a
 phase. A role that is confined to that phase counts there. Every other route is the whole site's.
@@ -27,7 +27,7 @@ from exceptiondrive_server.web.services import Services
 
 _READING = frozenset({"/protocols/check"})
 """What is sent by POST and changes nothing."""
-HELPER_DEEDS = frozenset(
+HELPER_ACTIONS = frozenset(
     {
         "/submissions/{submission_id}/note",
         "/submissions/{submission_id}/retry",
@@ -57,7 +57,7 @@ def role_needed(method: str, path: str) -> OrganizerRole:
     """Return the role that a route asks for; its path is that of the tables."""
     if method in ("GET", "HEAD") or path in _READING:
         return OrganizerRole.READ_ONLY
-    return OrganizerRole.HELPER if path in HELPER_DEEDS else OrganizerRole.OWNER
+    return OrganizerRole.HELPER if path in HELPER_ACTIONS else OrganizerRole.OWNER
 
 
 def require_right(request: Request, services: Services, principal: Principal) -> None:
@@ -123,14 +123,14 @@ def require_order_right(principal: Principal, change: PhaseChange) -> None:
 
 
 def _as_in_tables(path: str) -> str:
-    """Return a path as it stands below those of API and pages: a deed is the same by both."""
+    """Return a path as it stands below those of API and pages: an action is the same by both."""
     return path.removeprefix("/api/v1/organizer").removeprefix("/organize")
 
 
 def _path_of(request: Request) -> str:
-    """Return the path of the route, as in the tables; a parameter that names the deed stands for it."""
+    """Return the path of the route, as in the tables; a parameter that names the action stands for it."""
     path = _as_in_tables(route_of(request.scope))
-    for name in ("deed", "step"):
+    for name in ("action", "step"):
         path = path.replace(f"{{{name}}}", str(request.path_params.get(name)))
     return path
 
