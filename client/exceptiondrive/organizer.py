@@ -261,7 +261,7 @@ class Organizer(Connection):
         ).content
 
     def reported_boards(self, phase_id: str) -> list[Record]:
-        """Return the boards of elsewhere beside a phase, withdrawn ones too, newest first."""
+        """Return the external boards beside a phase, withdrawn ones too, newest first."""
         return self._transport.records(_organizer_path("phases", phase_id, "reported"))
 
     def import_reported(self, phase_id: str, file: str, title: str, cite: str) -> Record:

@@ -383,7 +383,7 @@ def test_a_protocol_is_confirmed_with_a_key_of_this_machine(
     assert json.loads(organize(running, "protocols", "confirmations", "--json").stdout) == []
 
 
-def test_a_board_of_elsewhere_is_imported_listed_and_withdrawn(
+def test_an_external_board_is_imported_listed_and_withdrawn(
     running: "Running", tmp_path: Path
 ) -> None:
     revision = "sha256:" + "a" * 64

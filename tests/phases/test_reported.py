@@ -1,4 +1,4 @@
-"""Boards of elsewhere beside a phase: what is taken, what is refused, and that nothing of it ranks."""
+"""External boards beside a phase: what is taken, what is refused, and that nothing of it ranks."""
 
 import json
 from concurrent.futures import ThreadPoolExecutor
@@ -47,7 +47,7 @@ def scored(life: "Life") -> "Life":
 def test_rows_stand_on_a_page_of_their_own_until_withdrawn(scored: "Life", by: str) -> None:
     life, organizer = scored, visitor(scored, "organizer")
     before = life.get("/api/v1/leaderboard?phase=test").content
-    assert "boards of elsewhere" not in life.get("/?phase=test").text
+    assert "external boards" not in life.get("/?phase=test").text
     if by == "page":
         page = f"/organize{PATH}/new"
         assert send(organizer, page, sent(ROWS), page=page).status_code == 303
@@ -68,7 +68,7 @@ def test_rows_stand_on_a_page_of_their_own_until_withdrawn(scored: "Life", by: s
     for words in ("Far Planner", "19.64", "20.28", "Luo et al., 2026", *row["differences"]):
         assert words in page_text
     assert 'href="https://far.example/p"' in page_text
-    assert "1 row of boards of elsewhere" in life.get("/?phase=test").text
+    assert "1 row of external boards" in life.get("/?phase=test").text
     assert life.get("/api/v1/leaderboard?phase=test").content == before, "no board knows of them"
     assert json.loads(files_of(life)["reported.json"]) == [board]
     if by == "page":
@@ -79,7 +79,7 @@ def test_rows_stand_on_a_page_of_their_own_until_withdrawn(scored: "Life", by: s
         life.done(f"{PATH}/{board['id']}/withdraw", {"reason": "wrong"})
     assert life.json(f"/api/v1{PATH}") == []
     assert "Far Planner" not in life.get(PATH).text
-    assert "boards of elsewhere" not in life.get("/?phase=test").text
+    assert "external boards" not in life.get("/?phase=test").text
     assert "already" in life.refused(f"{PATH}/{board['id']}/withdraw", {"reason": "again"}, 409)
     life.done(PATH, sent(ROWS))
     assert len(life.json(f"/api/v1{PATH}")) == 1, "they can be imported again"

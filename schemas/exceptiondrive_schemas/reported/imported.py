@@ -1,4 +1,4 @@
-"""Rows of a board of elsewhere, as an organizer imports them: never ranked beside own entries."""
+"""Rows of an external board, as an organizer imports them: never ranked beside own entries."""
 
 from collections.abc import Iterator
 

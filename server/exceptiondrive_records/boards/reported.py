@@ -1,4 +1,4 @@
-"""Boards of elsewhere that an organizer puts beside a phase: reported rows, which never rank."""
+"""External boards that an organizer puts beside a phase: reported rows, which never rank."""
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session

@@ -109,7 +109,7 @@ BoardRow.forgotten = column_property(_FORGOTTEN.scalar_subquery())
 
 
 class ReportedBoard(Base):
-    """A board of elsewhere, as an organizer imported it beside a phase; its rows are on no board here."""
+    """An external board, as an organizer imported it beside a phase; its rows are on no board here."""
 
     __tablename__ = "reported_boards"
     id: Mapped[str] = mapped_column(primary_key=True)

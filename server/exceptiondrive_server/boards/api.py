@@ -257,7 +257,7 @@ def get_board_by_number(
 def get_reported_boards(
     services: ServicesOf, principal: MaybePrincipal, phase_id: PhaseId
 ) -> list[ReportedBoardView]:
-    """List boards of elsewhere beside a phase: rows that rank nowhere, each with what differs."""
+    """List external boards beside a phase: rows that rank nowhere, each with what differs."""
     with services.database.read() as session:
         phase = shown_phase(session, phase_id, with_hidden=sees_hidden(principal))
         return reported_of(session, phase)

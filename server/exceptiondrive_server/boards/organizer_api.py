@@ -1,4 +1,4 @@
-"""Boards of elsewhere beside a phase, as organizers import and withdraw them."""
+"""External boards beside a phase, as organizers import and withdraw them."""
 
 from typing import Annotated
 
@@ -24,7 +24,7 @@ ReportedId = Annotated[str, Path(max_length=64, description="id of a reported bo
 
 
 class NewReportedBoard(Form):
-    """A board of elsewhere."""
+    """An external board."""
 
     title: Annotated[str, Field(min_length=1, max_length=MAX_TITLE)]
     cite: Annotated[str, Field(min_length=1, max_length=MAX_CITE)]

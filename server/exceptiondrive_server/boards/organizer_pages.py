@@ -1,4 +1,4 @@
-"""Boards of elsewhere: imported beside a phase, and withdrawn; each step on a page of its own."""
+"""External boards: imported beside a phase, and withdrawn; each step on a page of its own."""
 
 from functools import partial
 from typing import Annotated, Any
@@ -52,7 +52,7 @@ def board_import(services: ServicesOf, phase_id: PhaseId) -> Step:
     columns = f"method, team, split, split_revision, protocol, protocol_digest, average, n_samples, {', '.join(keys)}"
     return _step(
         phase,
-        title=f"Import a board of elsewhere beside {phase.title}",
+        title=f"Import an external board beside {phase.title}",
         meaning="Its rows stand on a page of their own, each with what differs from this phase; they "
         "rank nowhere, and no board changes. All of the file is imported, or nothing. Taken is CSV, "
         "such as the one of a board that this software exports.",
@@ -94,4 +94,4 @@ def board_withdrawal(services: ServicesOf, phase_id: PhaseId, reported_id: Repor
 
 def _step(phase: Phase, **words: Any) -> Step:
     here = f"/organize/phases/{phase.id}/reported"
-    return Step(section="phases", back=here, back_words="Boards of elsewhere", **words)
+    return Step(section="phases", back=here, back_words="External boards", **words)

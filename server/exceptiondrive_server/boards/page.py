@@ -282,7 +282,7 @@ class BoardPage:
     has_reported: bool = False
     """Whether the phase also shows what a paper reports, which has a page of its own."""
     n_reported: int = 0
-    """How many rows of boards of elsewhere stand on another page beside the phase."""
+    """How many rows of external boards stand on another page beside the phase."""
 
     @cached_property
     def shown(self) -> ShownBoard | None:

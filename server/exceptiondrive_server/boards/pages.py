@@ -156,7 +156,7 @@ def show_reported(request: Request, challenge: KnownChallenge) -> Response:
 
 @router.get("/phases/{phase_id}/reported")
 def show_reported_boards(request: Request, phase_id: PhaseId) -> Response:
-    """Show boards of elsewhere beside a phase, each row with what differs; nothing there ranks."""
+    """Show external boards beside a phase, each row with what differs; nothing there ranks."""
 
     def read(session: Session) -> Values:
         phase = shown_phase(session, phase_id, with_hidden=browser_sees_hidden(session, request))

@@ -20,7 +20,7 @@ class ReportedRowView(BaseModel):
 
 
 class ReportedBoardView(BaseModel):
-    """A board of elsewhere beside a phase."""
+    """An external board beside a phase."""
 
     id: str
     phase: str
@@ -34,14 +34,14 @@ class ReportedBoardView(BaseModel):
 def reported_of(
     session: Session, phase: Phase, *, with_withdrawn: bool = False
 ) -> list[ReportedBoardView]:
-    """Return the boards of elsewhere that stand beside a phase, the newest first."""
+    """Return the external boards that stand beside a phase, the newest first."""
     own = measured_on(session, phase)
     found = reported_boards(session, phase.id, with_withdrawn=with_withdrawn)
     return [reported_view(row, own) for row in found]
 
 
 def reported_view(row: ReportedBoard, own: Measured) -> ReportedBoardView:
-    """Return a board of elsewhere, each row with what differs from the phase's own."""
+    """Return an external board, each row with what differs from the phase's own."""
     return ReportedBoardView(
         id=row.id,
         phase=row.phase_id,

@@ -180,7 +180,7 @@ number that the boards and score sheets do not tell.
 - `boards/board-N.json`: the board as it was served: the present one, the last one before a reveal,
   the last one under each protocol. `.csv` for tools, `.tex` a table for a paper, `.bib` its citation.
 - `history.json`: every board that readers saw, from when until when, and what changed.
-- `reported.json`: rows of boards of elsewhere, which rank nowhere; missing where there are none.
+- `reported.json`: rows of external boards, which rank nowhere; missing where there are none.
 - `report.json`: how the phase ended; missing while it has not.
 - `sheets/ID.json`: score sheets of {n_sheets} entries with families and tasks, by submission.
 - `results.csv`, `results.parquet`: the same numbers as one table; `scope` is average, family or task.

@@ -146,7 +146,7 @@ def export(organizer: Organizer, phase_id: PhaseArgument, output: options.Output
 
 @with_organizer
 def list_reported(organizer: Organizer, phase_id: PhaseArgument) -> Answer:
-    """List the boards of elsewhere beside a phase, withdrawn ones too, newest first."""
+    """List the external boards beside a phase, withdrawn ones too, newest first."""
     found = organizer.reported_boards(phase_id)
     lines = [{**one, "n_rows": len(one["rows"])} for one in found]
     columns = ("id", "title", "n_rows", "imported_at", "withdrawn_at")
