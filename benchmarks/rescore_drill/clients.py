@@ -87,7 +87,7 @@ def short_digest(body: bytes) -> str:
     return hashlib.sha256(body).hexdigest()[:12]
 
 
-_LOOK_EVERY_S = 0.05
+_POLL_EVERY_S = 0.05
 
 
 @dataclass
@@ -123,4 +123,4 @@ class Reader:
                     self.torn.append(f"{answer.status_code} {answer.headers.get('etag')}")
                 self.digests.add(digest)
                 self.n_read += 1
-                time.sleep(_LOOK_EVERY_S)
+                time.sleep(_POLL_EVERY_S)

@@ -32,7 +32,7 @@ from exceptiondrive_schemas.protocol import packaged_protocol
 
 OPEN = (WorkState.QUEUED, WorkState.LEASED)
 _AFTER_THE_LEASE_S = 5.0
-"""For the reconciler's next pass, a message, and a worker's first look into its queue; besides, as long as
+"""For the reconciler's next pass, a message, and a worker's first poll of its queue; besides, as long as
 a worker took to come back, since a full machine slows both down."""
 
 

@@ -515,7 +515,7 @@ def test_where_the_server_dies_after_the_draft_what_will_work_is_named(
 def test_what_is_to_be_typed_after_a_split_that_nobody_tried_can_be_typed(
     canned_server: "CannedServer", monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(rescoring, "_MAX_LOOKS", 1)
+    monkeypatch.setattr(rescoring, "_MAX_POLLS", 1)
     waiting = run_in(RunState.DRAFT, SplitTrial())
     canned_server.answer("POST /organizer/rescoring", 200, waiting)
     canned_server.answer("GET /organizer/rescoring/R", 200, waiting)

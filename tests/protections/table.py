@@ -342,10 +342,10 @@ PROTECTIONS = (
         "tests/server/test_registrations.py::test_an_upload_of_a_team_that_waits_for_approval_is_refused_at_its_head",
     ),
     Protection(
-        "looks-of-followers",
-        f"{SERVER}.web.looks:Looks.now",
+        "polls-of-followers",
+        f"{SERVER}.web.polls:Polls.now",
         _each_follower_looks,
-        "tests/server/test_events.py::test_however_many_follow_a_submission_it_is_looked_at_once",
+        "tests/server/test_events.py::test_however_many_follow_a_submission_it_is_polled_once",
     ),
     Protection(
         "names-as-written",

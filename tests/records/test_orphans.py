@@ -228,7 +228,7 @@ def test_a_store_that_is_away_ends_no_reconciler(
 ) -> None:
     folder.rmdir()
     folder.write_text("not a folder")
-    for name in ("SWEEP_EVERY_S", "_LOOK_EVERY_S"):
+    for name in ("SWEEP_EVERY_S", "_POLL_EVERY_S"):
         monkeypatch.setattr(garbage, name, 0.05)
     stop = threading.Event()
     thread = threading.Thread(target=run_sweeper, args=(world.database, files, stop))

@@ -58,7 +58,7 @@ def test_a_sender_whose_mails_could_not_be_sent_or_followed_is_refused_at_the_st
         load_settings(NoticeSettings)
 
 
-def test_a_reconciler_that_would_lose_its_lead_between_two_looks_is_refused_at_the_start(
+def test_a_reconciler_that_would_lose_its_lead_between_two_polls_is_refused_at_the_start(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setenv("EXCEPTIONDRIVE_RECONCILE_EVERY_S", "20")

@@ -138,21 +138,21 @@ def test_a_stream_ends_in_time_and_the_follower_connects_again(
     assert "retry: 2000" in response.text
 
 
-def test_however_many_follow_a_submission_it_is_looked_at_once(
+def test_however_many_follow_a_submission_it_is_polled_once(
     make_api: Callable[..., "Api"], sqlite_url: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Two hundred streams of one team kept the API of all others waiting for half a minute."""
     every_s, n_streams = 0.2, 24
     api = make_api(sqlite_url, events_every_s=every_s, events_longest_s=3)
     path = f"/api/v1/submissions/{api.submit('a').json()['id']}/events"
-    looks: list[float] = []
+    polls: list[float] = []
 
     def counted(*arguments: Any) -> Any:
-        looks.append(time.monotonic())
-        return look(*arguments)
+        polls.append(time.monotonic())
+        return read(*arguments)
 
-    look = events._look
-    monkeypatch.setattr(events, "_look", counted)
+    read = events._read
+    monkeypatch.setattr(events, "_read", counted)
     bearer = {"Authorization": f"Bearer {api.tokens['alpha']}"}
     with served(api.app) as address, ThreadPoolExecutor(n_streams) as followers:
         asked = [
@@ -161,7 +161,7 @@ def test_however_many_follow_a_submission_it_is_looked_at_once(
         ]
         told = [events_of(stream.result().text) for stream in asked]
     assert [len(each) for each in told] == [1] * n_streams
-    assert len(looks) <= n_streams + (looks[-1] - looks[0]) / every_s + 1
+    assert len(polls) <= n_streams + (polls[-1] - polls[0]) / every_s + 1
 
 
 def test_head_on_a_stream_is_405(api: "Api") -> None:

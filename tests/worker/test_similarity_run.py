@@ -130,7 +130,7 @@ def test_comparing_ends_for_a_score_that_comes_meanwhile(
 ) -> None:
     for number in range(3):
         crowd.score(upload(number), team=f"team-{number}")
-    monkeypatch.setattr(similarity_run, "LOOK_EVERY_S", 0.0)
+    monkeypatch.setattr(similarity_run, "POLL_EVERY_S", 0.0)
     sent: list[str] = []
 
     def send_one(*answers: Any) -> Any:

@@ -192,7 +192,7 @@ def create_app(settings: WorkerSettings) -> Celery:
         task_default_queue=Lane.LIVE.value,
         task_create_missing_queues=False,
         task_queues=lane_queues(),  # each with its own exchange: lanes must not hear each other
-        # `sorted`: a worker of both lanes looks into `live` before `rescore`
+        # `sorted`: a worker of both lanes polls `live` before `rescore`
         broker_transport_options={**transport_options(), "queue_order_strategy": "sorted"},
     )
     return app

@@ -36,7 +36,7 @@ COMPARED_AT_ONCE = 200
 """Submissions compared after one board; the rest follow with the next one."""
 PART_OF_LIMIT = 0.25
 """After this part of the limit of time of its task, which built a board first, one file is compared."""
-LOOK_EVERY_S = 0.02
+POLL_EVERY_S = 0.02
 """So often it is asked whether a live job waits; to compare a file may take a part of that."""
 NEAREST_KEPT = 10
 CANDIDATES = 30
@@ -92,15 +92,15 @@ def _while_there_is_time(
     """Give one file after the other until a live job is seen to wait; however late it is, the first one."""
     now = time.monotonic()
     until = now + PART_OF_LIMIT * context.settings.soft_time_limit_s
-    look_at = now
+    poll_at = now
     for number, file in enumerate(files):
         now = time.monotonic()
         if number and now > until:
             return
-        if now >= look_at:
+        if now >= poll_at:
             if _live_job_waits(context):
                 return
-            look_at = now + LOOK_EVERY_S
+            poll_at = now + POLL_EVERY_S
         yield file
 
 

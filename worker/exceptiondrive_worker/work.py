@@ -27,7 +27,7 @@ _PART_OF_LIMIT = 0.02
 is begun: the lane is woken again instead."""
 _MOST_PATIENCE_S = 1.0
 """In a rush of live work a rescoring run goes on, at this pace."""
-_LOOK_AGAIN_S = 0.02
+_POLL_EVERY_S = 0.02
 
 _log = structlog.get_logger("exceptiondrive.worker")
 
@@ -90,4 +90,4 @@ def let_live_work_pass(context: WorkerContext) -> None:
         with context.database.read() as session:
             if not is_live_work_open(session):
                 return
-        time.sleep(_LOOK_AGAIN_S)
+        time.sleep(_POLL_EVERY_S)

@@ -1,6 +1,6 @@
 """What goes on between protocol updates, told to teams that wish it: scored, failed, overtaken, ends.
 
-The reconciler looks now and then. Nothing is told twice: each message has a subject that is unique.
+The reconciler polls now and then. Nothing is told twice: each message has a subject that is unique.
 """
 
 from collections.abc import Iterator
@@ -34,7 +34,7 @@ from exceptiondrive_schemas.api.submission import SubmissionStatus, SubmissionVi
 from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.printable import counted
 
-LOOK_EVERY_S = 15.0
+POLL_EVERY_S = 15.0
 _TOLD_WITHIN = timedelta(days=1)
 _ENDS_SOON = timedelta(days=1)
 _PASSED_WITHIN = timedelta(hours=1)
@@ -134,7 +134,7 @@ def _outcomes(
         Submission.team_id == team_id,
         Submission.status.in_(OUTCOMES),
         Submission.status_at > now - _TOLD_WITHIN,
-        ~told,  # each look would read a whole day again
+        ~told,  # each poll would read a whole day again
     )
     for submission in session.scalars(query.order_by(Submission.status_at)):
         kind = OUTCOMES[submission.status]

@@ -29,7 +29,7 @@ from exceptiondrive_records.work.lease import take_lead
 GRACE = timedelta(hours=24)
 """An orphan that is younger may still belong to an upload under way."""
 SWEEP_EVERY_S = 6 * 3600.0
-_LOOK_EVERY_S = 60.0
+_POLL_EVERY_S = 60.0
 _BY_ITSELF = 3
 """A crash leaves no more files that are in no record."""
 _UNDER_WAY = timedelta(hours=1)
@@ -139,4 +139,4 @@ def run_sweeper(database: Database, files: FileStore, stop: threading.Event) -> 
             log.warning(_LEFT, n_files=found.n_files)
         except (SQLAlchemyError, StoreError) as error:
             log.warning("orphaned files not swept", error=type(error).__name__)
-        stop.wait(_LOOK_EVERY_S)
+        stop.wait(_POLL_EVERY_S)

@@ -18,7 +18,7 @@ from exceptiondrive_records.boards.renewal import renew_where_families_show
 from exceptiondrive_records.db.database import Database, sentence_of
 from exceptiondrive_records.db.identifiers import random_id
 from exceptiondrive_records.db.settings import RecordsSettings
-from exceptiondrive_records.notifications.events import LOOK_EVERY_S, tell_teams
+from exceptiondrive_records.notifications.events import POLL_EVERY_S, tell_teams
 from exceptiondrive_records.rescoring.fan_out import tend_runs
 from exceptiondrive_records.work.dispatch import Dispatcher, mark_queued, wake_lanes
 from exceptiondrive_records.work.jobs import give_up_exhausted
@@ -63,7 +63,7 @@ def run_reconciler(
     Raises:
         ProgrammingError: A right, a table or a column is missing: no other try would help.
     """
-    looked_at_s = -math.inf
+    polled_at_s = -math.inf
     holder = f"{socket.gethostname()}:{os.getpid()}:{random_id(6)}"
     while not stop.is_set():
         try:
@@ -71,8 +71,8 @@ def run_reconciler(
                 leads = take_lead(session, LEADERSHIP, holder, settings.leader_lease_s)
             if leads:
                 done = reconcile_once(database, dispatcher, settings)
-                if time.monotonic() - looked_at_s >= LOOK_EVERY_S:
-                    looked_at_s = time.monotonic()
+                if time.monotonic() - polled_at_s >= POLL_EVERY_S:
+                    polled_at_s = time.monotonic()
                     tell_teams(database)
                 if done != Pass():
                     _log.info("reconciled", **vars(done))

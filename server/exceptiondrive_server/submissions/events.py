@@ -52,7 +52,7 @@ async def follow_submission(
     these. It may end before: then do, after the milliseconds of `retry`. Where nothing changes, a
     comment comes about every 15 seconds.
     """
-    first = await run_in_threadpool(_look, services, principal, submission_id)
+    first = await run_in_threadpool(_read, services, principal, submission_id)
     events = _events(services, principal, first)
     headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
     return StreamingResponse(events, media_type="text/event-stream", headers=headers)
@@ -61,19 +61,19 @@ async def follow_submission(
 async def _events(
     services: Services, principal: Principal, now: SubmissionView
 ) -> AsyncIterator[bytes]:
-    """Look again and again; no thread is held in between, and the stream ends in time."""
+    """Poll again and again; no thread is held in between, and the stream ends in time."""
     settings = services.settings
     followed = (now.id, own_team(principal))
     ends_at = time.monotonic() + settings.events_longest_s
     sent_at = time.monotonic()
-    with services.looks.following(followed, now):
+    with services.polls.following(followed, now):
         yield _event(now)
         while time.monotonic() < ends_at and (now.awaits_board or not now.status.is_terminal):
             await asyncio.sleep(settings.events_every_s)
             seen = now
             try:
-                now = await services.looks.now(
-                    followed, partial(_look, services, principal, now.id)
+                now = await services.polls.now(
+                    followed, partial(_read, services, principal, now.id)
                 )
                 if now == seen and time.monotonic() - sent_at < KEEP_ALIVE_S:
                     continue
@@ -84,7 +84,7 @@ async def _events(
             yield format_sse_event(comment="still here") if now == seen else _event(now)
 
 
-def _look(services: Services, principal: Principal, submission_id: str) -> SubmissionView:
+def _read(services: Services, principal: Principal, submission_id: str) -> SubmissionView:
     with services.database.read() as session:
         found = find_submission(session, submission_id, team_id=own_team(principal))
         return view(session, found)

@@ -16,8 +16,8 @@ from exceptiondrive_schemas.api.site import SiteLinks
 from exceptiondrive_server.submissions.receipts import ReceiptSigner
 from exceptiondrive_server.web.kept_pages import KeptPages
 from exceptiondrive_server.web.limits.upload_places import UploadPlaces
-from exceptiondrive_server.web.looks import Looks
 from exceptiondrive_server.web.metrics import RequestMetrics
+from exceptiondrive_server.web.polls import Polls
 from exceptiondrive_server.web.settings import ServerSettings
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ class Services:
     settings: ServerSettings
     signer: ReceiptSigner
     upload_places: UploadPlaces
-    looks: Looks
+    polls: Polls
     site_state: SiteState
     provider: "Provider | None" = None
     """Through whom people sign in, where the settings name somebody."""
@@ -84,7 +84,7 @@ class Services:
             settings=settings,
             signer=ReceiptSigner(settings.receipt_key_file, database),
             upload_places=places,
-            looks=Looks(settings.events_every_s),
+            polls=Polls(settings.events_every_s),
             site_state=SiteState(database),
             provider=_provider(settings),
             metrics=metrics,

@@ -49,7 +49,7 @@ class ServerSettings(RecordsSettings):
     board_max_age_s: Annotated[int, Field(ge=0, le=3600)] = 10
     """How long a cache may serve a board without asking again."""
     events_every_s: Annotated[float, Field(gt=0, le=60)] = 0.5
-    """How often a followed submission is looked at."""
+    """How often a followed submission is polled."""
     events_longest_s: Annotated[float, Field(gt=0, le=3600)] = 300.0
     """After this a follower connects again."""
 

@@ -51,8 +51,8 @@ DIRECTIONS = {
     "applied": "what readers saw change when it was applied:",
 }
 """What a preview compares, by its direction."""
-_LOOK_EVERY_S = 1.0
-_MAX_LOOKS = 120
+_POLL_EVERY_S = 1.0
+_MAX_POLLS = 120
 MAX_SAMPLE = 100_000
 
 
@@ -218,22 +218,22 @@ def _watch_run(rescoring: Rescoring, run_id: str) -> RunView:
             is_stuck = progress.failed and not waits
             if run.state != RunState.SCORING or is_stuck:
                 return run
-            time.sleep(_LOOK_EVERY_S)
+            time.sleep(_POLL_EVERY_S)
 
 
 def _wait_for_trial(rescoring: Rescoring, run: RunView) -> RunView:
     """Wait until a worker has tried the split of a draft, which then may be refused."""
     with step_line() as tell:
-        for look in range(_MAX_LOOKS):
+        for n_polls in range(_MAX_POLLS):
             if run.trial is None or run.trial.state != "waiting":
                 return run
             tell(f"run {run.id}: a worker is to try the split")
-            if look:
-                time.sleep(_LOOK_EVERY_S)
+            if n_polls:
+                time.sleep(_POLL_EVERY_S)
             run = rescoring.run(run.id)
     raise InvalidArgumentError(
         "not_tried",
-        f"No worker has tried the split of run {run.id} within {_MAX_LOOKS} s: it stays a draft.",
+        f"No worker has tried the split of run {run.id} within {_MAX_POLLS} s: it stays a draft.",
         "Look whether a worker serves the lane rescore; then: "
         f'organizer rescore begin {run.id} --reason "…"',
     )
@@ -242,7 +242,7 @@ def _wait_for_trial(rescoring: Rescoring, run: RunView) -> RunView:
 def _watch_verification(rescoring: Rescoring, found: VerificationView) -> VerificationView:
     with step_line() as tell:
         while found.finished_at is None:
-            time.sleep(_LOOK_EVERY_S)
+            time.sleep(_POLL_EVERY_S)
             found = rescoring.verification(found.id)
             tell(verification_line(found))
     return found

@@ -1,4 +1,4 @@
-"""Looks at submissions that are followed: one at a time of each, however many follow it."""
+"""Polls of submissions that are followed: one at a time of each, however many follow it."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -17,11 +17,11 @@ Followed = tuple[str, int | None]
 class _Seen:
     view: SubmissionView
     at_s: float
-    is_looked_at: bool = False
+    is_polled: bool = False
     n_followers: int = 0
 
 
-class Looks:
+class Polls:
     """What followers are told; for one thread, the one that runs the event loop.
 
     Each of them would ask the records in a thread of its own, twice a second: two hundred streams of
@@ -45,15 +45,15 @@ class Looks:
             if not seen.n_followers:
                 del self._seen[followed]
 
-    async def now(self, followed: Followed, look: Callable[[], SubmissionView]) -> SubmissionView:
-        """Return what is followed as somebody saw it just now; else look."""
+    async def now(self, followed: Followed, read: Callable[[], SubmissionView]) -> SubmissionView:
+        """Return what is followed as somebody saw it just now; else read it."""
         seen = self._seen[followed]
         is_old = time.monotonic() >= seen.at_s + self._every_s
-        if is_old and not seen.is_looked_at:
-            seen.is_looked_at = True
+        if is_old and not seen.is_polled:
+            seen.is_polled = True
             try:
-                seen.view = await run_in_threadpool(look)
+                seen.view = await run_in_threadpool(read)
                 seen.at_s = time.monotonic()
             finally:
-                seen.is_looked_at = False
+                seen.is_polled = False
         return seen.view
