@@ -702,16 +702,16 @@ class Client(Connection):
 
         Args:
             address: E-mail address, which has to be confirmed by who reads there, or https address.
-            wishes: What it is told of: `updates`, `scored`, `failed`, `overtaken`, `phase_ends`.
+            wishes: What it subscribes to: `updates`, `scored`, `failed`, `overtaken`, `phase_ends`.
         """
         channel = "webhook" if "://" in require_text(address, "An address") else "email"
-        wanted = {"channel": channel, "address": address, "wishes": _wish_list(wishes)}
+        wanted = {"channel": channel, "address": address, "wishes": _subscription_list(wishes)}
         return self._transport.post_once("/contacts", wanted)
 
     def set_wishes(self, contact_id: str, wishes: Sequence[str]) -> Record:
-        """Set what an address is told of."""
+        """Set what an address subscribes to."""
         return self._transport.patch(
-            f"/contacts/{quoted(contact_id)}", {"wishes": _wish_list(wishes)}
+            f"/contacts/{quoted(contact_id)}", {"wishes": _subscription_list(wishes)}
         )
 
     def remove_contact(self, contact_id: str) -> Record:
@@ -836,11 +836,11 @@ class Client(Connection):
         return read_answer(kind.read, self._transport.get(path, query))
 
 
-def _wish_list(wishes: Sequence[str]) -> list[str]:
-    """Return wishes as a list; a single one may be given by itself."""
+def _subscription_list(wishes: Sequence[str]) -> list[str]:
+    """Return subscriptions as a list; a single one may be given by itself."""
     if isinstance(wishes, str) or not isinstance(wishes, Iterable):
-        return [require_text(wishes, "A wish")]
-    return [require_text(each, "A wish") for each in wishes]
+        return [require_text(wishes, "A subscription")]
+    return [require_text(each, "A subscription") for each in wishes]
 
 
 class TeamTokens(Connection):

@@ -348,7 +348,7 @@ def test_the_taxonomy_of_the_page_is_that_of_the_protocol() -> None:
         ("phases", "At most five questions of a team", questions.MAX_OPEN, 5),
         ("phases", "50 times in 24 hours at most", selection.MAX_CHOICES_A_DAY, 50),
         ("rescoring", "may add up to five addresses", contacts.MAX_CONTACTS, 5),
-        ("rescoring", "changes 50 times in 24 hours at most", contacts.MAX_CHANGED_A_DAY, 50),
+        ("rescoring", "can change at most 50 times in 24 hours", contacts.MAX_CHANGED_A_DAY, 50),
         ("rescoring", "ends within a day", events._ENDS_SOON, timedelta(days=1)),
         ("rescoring", "most once an hour and phase", events._PASSED_WITHIN, timedelta(hours=1)),
         ("rescoring", "redirects not followed), for 20 s", channels._LONGEST_S, 20),

@@ -113,7 +113,7 @@ def test_a_number_of_submissions_that_is_none_is_refused() -> None:
                 client.submissions(limit=limit)
 
 
-def test_a_status_and_a_wish_may_be_a_text(running: "Running") -> None:
+def test_a_status_and_a_subscription_may_be_a_text(running: "Running") -> None:
     with running.client() as client:
         assert client.submissions(status="scored") == ()
         with pytest.raises(ExceptionDriveError):

@@ -111,11 +111,11 @@ def test_troubles_that_may_stand_for_a_season_wake_nobody() -> None:
     asked = {rule["alert"]: rule for rule in ALERTS if "troubles" in str(rule["expr"])}
     lasting = f'"{"|".join(LASTING)}"'
     assert {name: rule["labels"]["severity"] for name, rule in asked.items()} == {
-        "StandsWrongly": "page",
-        "StandsForASeason": "ticket",
+        "UrgentTrouble": "page",
+        "LastingTrouble": "ticket",
     }
-    assert f"trouble!~{lasting}" in asked["StandsWrongly"]["expr"]
-    assert f"trouble=~{lasting}" in asked["StandsForASeason"]["expr"]
+    assert f"trouble!~{lasting}" in asked["UrgentTrouble"]["expr"]
+    assert f"trouble=~{lasting}" in asked["LastingTrouble"]["expr"]
 
 
 def test_every_metric_of_ours_is_on_the_dashboard(known: dict[str, set[str]]) -> None:

@@ -446,7 +446,7 @@ def test_no_run_is_restored_once_scores_were_revealed(life: "Life", is_revealed:
         life.done(restore)
         return
     life.done("/phases/test/reveal", {"what": "board", "reason": "the end"})
-    assert "settled before" in life.refused(restore, {"reason": "x"}, 409)
+    assert "can no longer be restored" in life.refused(restore, {"reason": "x"}, 409)
 
 
 def test_what_stood_at_the_deadline_and_was_withdrawn_after_the_reveal_is_restored(

@@ -141,7 +141,9 @@ def test_no_more_sign_in_than_may(world: World, monkeypatch: pytest.MonkeyPatch)
     assert "in 24 hours" in str(refused)
 
 
-def test_no_more_wishes_change_than_may(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_more_subscriptions_change_than_may(
+    world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(contacts, "MAX_CHANGED_A_DAY", 1)
     with world.database.write() as session:
         one, other = (add(session, world.team_id, f"a{n}@example.org") for n in range(2))

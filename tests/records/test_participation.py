@@ -655,7 +655,7 @@ def test_teams_with_the_same_bytes_disqualified_or_forgotten_are_not_merged(worl
         ("Other", {"entries_private": True}, "scored", ""),
     ],
 )
-def test_no_merge_takes_an_entry_off_where_what_stands_is_settled(
+def test_no_merge_takes_an_entry_off_where_entries_are_final(
     world: World, method: str, policy: dict[str, Any], happened: str, ended: str
 ) -> None:
     """A closed phase whose entries take no place of each other hinders none."""
@@ -673,7 +673,7 @@ def test_no_merge_takes_an_entry_off_where_what_stands_is_settled(
             withdraw(session, theirs.submission.id, actor="test")
     before = world.standing()
     if ended:
-        words = f"one place, and what stands there is settled since it {ended}"
+        words = f"one place, and entries there have been final since it {ended}"
         with pytest.raises(Conflict, match=words), world.database.write() as session:
             merge_teams(session, "beta", "alpha", **WHY)
     else:

@@ -440,7 +440,7 @@ def test_a_private_score_that_no_team_can_publish_any_more_is_told_so(
     assert last == "Not ranked: it was private when hidden scores were revealed, and stays so."
 
 
-def test_what_failed_or_was_refused_is_told_once_to_who_wishes_that(
+def test_what_failed_or_was_refused_is_told_once_to_whoever_subscribes_to_it(
     api: "Api", browse: Browse
 ) -> None:
     confirmed(api, browse, "failed")
@@ -632,7 +632,7 @@ def test_what_an_entry_of_its_own_passed_is_no_news_to_a_team(
     assert mails(api)[-1][1].what_changed == ("Planner: rank 3 before, 4 now.",)
 
 
-def test_only_what_is_wished_is_told(api: "Api", browse: Browse) -> None:
+def test_only_what_is_subscribed_to_is_told(api: "Api", browse: Browse) -> None:
     contact_id = confirmed(api, browse, "phase_ends")
     api.score(api.submit("a").json()["id"])
     assert tell_teams(api.database) == 0
@@ -743,7 +743,7 @@ def test_nobody_is_told_of_a_phase_that_is_not_shown(
     assert tell_teams(api.database) == 2
 
 
-def test_wishes_that_stay_as_they_are_leave_no_audit_line(api: "Api") -> None:
+def test_subscriptions_that_stay_as_they_are_leave_no_audit_line(api: "Api") -> None:
     """Else a team fills the log, which nobody shortens, with a loop."""
     path = f"/contacts/{add(api, 'scored')['id']}"
     lines = [api.last_line().id]

@@ -9,7 +9,7 @@ from exceptiondrive.cli.output import Answer, cut_words
 from exceptiondrive.cli.session import with_client
 from exceptiondrive.cli.tables import notices_view, records_table
 from exceptiondrive.errors import InvalidArgumentError, utc_text
-from exceptiondrive_schemas.api.notifications import WISHES
+from exceptiondrive_schemas.api.notifications import SUBSCRIPTIONS
 
 if TYPE_CHECKING:
     from exceptiondrive.client import Client
@@ -18,13 +18,13 @@ if TYPE_CHECKING:
 MAIL_WAIT_S, MAIL_PAUSE_S = 3.0, 0.3
 """So long is the message waited for that asks to confirm an address."""
 COLUMNS = ("id", "address", "last_message", "wishes", "is_confirmed", "channel", "created_at")
-Wishes = Annotated[
+Subscriptions = Annotated[
     list[str] | None,
     option(
         "--tell",
         "WHAT",
-        f"May be repeated: {', '.join(WISHES)}; or none.",
-        offer=choices(*WISHES, "none"),
+        f"May be repeated: {', '.join(SUBSCRIPTIONS)}; or none.",
+        offer=choices(*SUBSCRIPTIONS, "none"),
     ),
 ]
 ContactId = Annotated[str, argument("ID", "Id, from `contacts list`.")]
@@ -58,13 +58,13 @@ def list_contacts(client: "Client") -> Answer:
 def add(
     client: "Client",
     address: Annotated[str, argument("ADDRESS", "E-mail address, or https of a webhook.")],
-    tell: Wishes = None,
+    tell: Subscriptions = None,
 ) -> Answer:
     """Add an address for notices, of protocol updates unless --tell says otherwise.
 
     The owner of an e-mail address has to confirm it. The secret of a webhook is shown once.
     """
-    contact = client.add_contact(address, _parse_wishes(tell) or ("updates",))
+    contact = client.add_contact(address, _parse_subscriptions(tell) or ("updates",))
     words = (
         f"secret, shown this once: {contact['secret']}"
         if contact.get("secret")
@@ -79,11 +79,15 @@ def tell(
     contact_id: ContactId,
     what: Annotated[
         list[str],
-        argument("WHAT...", f"{', '.join(WISHES)}; or none.", offer=choices(*WISHES, "none")),
+        argument(
+            "WHAT...",
+            f"{', '.join(SUBSCRIPTIONS)}; or none.",
+            offer=choices(*SUBSCRIPTIONS, "none"),
+        ),
     ],
 ) -> Answer:
     """Choose which notices an address gets."""
-    contact = client.set_wishes(contact_id, _parse_wishes(what))
+    contact = client.set_wishes(contact_id, _parse_subscriptions(what))
     told = ", ".join(contact["wishes"]) or "nothing"
     return contact, f"{contact['address']} is told of: {told}"
 
@@ -119,12 +123,12 @@ def _confirmation_sentence(client: "Client", contact_id: str) -> str:
         time.sleep(MAIL_PAUSE_S)
 
 
-def _parse_wishes(given: list[str] | None) -> tuple[str, ...]:
+def _parse_subscriptions(given: list[str] | None) -> tuple[str, ...]:
     wanted = tuple(each for each in given or () if each != "none")
-    unknown = [each for each in wanted if each not in WISHES]
+    unknown = [each for each in wanted if each not in SUBSCRIPTIONS]
     if unknown:
         raise InvalidArgumentError(
-            "wrong_option", f"{unknown[0]!r} is none of {', '.join(WISHES)}."
+            "wrong_option", f"{unknown[0]!r} is none of {', '.join(SUBSCRIPTIONS)}."
         )
     return wanted
 

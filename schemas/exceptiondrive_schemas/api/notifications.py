@@ -1,4 +1,4 @@
-"""What teams are told: notices, and the wishes of an address."""
+"""What teams are told: notices, and what an address subscribes to."""
 
 from datetime import datetime
 from typing import Literal
@@ -9,7 +9,7 @@ from exceptiondrive_schemas.challenges import ChallengeId
 from exceptiondrive_schemas.score_sheet import ProtocolRef
 
 EventKind = Literal["scored", "failed", "overtaken", "phase_ends"]
-"""What goes on between protocol updates: of a notification, and the wish to be told of it."""
+"""What happens between protocol updates: the kind of a notification, and a subscription to it."""
 NotificationKind = Literal[
     "protocol_applied",
     "protocol_rolled_back",
@@ -22,9 +22,9 @@ NotificationKind = Literal[
     "team_changed",
     "phase_changed",
 ]
-Wish = Literal["updates", EventKind]
-"""What an address may be told of: protocol updates, and what goes on between them."""
-WISHES: dict[Wish, str] = {
+Subscription = Literal["updates", EventKind]
+"""What an address may subscribe to, as its `wishes`: protocol updates, and what happens between them."""
+SUBSCRIPTIONS: dict[Subscription, str] = {
     "updates": "a protocol or split update changed your published numbers",
     "scored": "a submission of yours was scored",
     "failed": "a submission of yours was rejected or failed",

@@ -112,9 +112,9 @@ def publishable(session: Session, phase: Phase, private: Sequence[Submission]) -
     method, or of the team where the phase shows one entry of each. So nobody picks after the fact.
     """
     now = database_now(session)
-    settled = [each for each in private if _is_settled(phase, each, now)]
-    found = {each.id for each in private} - {each.id for each in settled}
-    if not settled:
+    final = [each for each in private if _is_final(phase, each, now)]
+    found = {each.id for each in private} - {each.id for each in final}
+    if not final:
         return found
 
     def place(each: Submission) -> tuple[int, str]:
@@ -123,7 +123,7 @@ def publishable(session: Session, phase: Phase, private: Sequence[Submission]) -
     query = (
         select(Submission)
         .where(
-            Submission.team_id.in_({each.team_id for each in settled}),
+            Submission.team_id.in_({each.team_id for each in final}),
             Submission.phase_id == phase.id,
             stood_at_deadline(phase),
         )
@@ -132,8 +132,8 @@ def publishable(session: Session, phase: Phase, private: Sequence[Submission]) -
     stood = [each for each in session.scalars(query) if not is_late(phase, each)]
     taken = {place(each) for each in stood if each.published_at is not None}
     newest = {place(each): each.id for each in stood}
-    rules = rules_of(session, phase, settled)
-    for each in settled:
+    rules = rules_of(session, phase, final)
+    for each in final:
         rule, is_named = rules.get(each.id, ("newest", False))
         is_due = is_named if rule == "this" else newest.get(place(each)) == each.id
         if is_due and place(each) not in taken:
@@ -160,7 +160,7 @@ def _show(session: Session, submission_id: str, actor: str, *, is_public: bool) 
                 "The deadline has passed: only the run that the team named, else its newest, can "
                 "still be published, and only where none was public in its place."
             )
-        if not is_public and _is_settled(phase, submission, database_now(session)):
+        if not is_public and _is_final(phase, submission, database_now(session)):
             raise Conflict("The deadline has passed: withdraw it, and its place stays empty.")
         _require_changes_left(session, submission)
         submission.published_at = database_now(session) if is_public else None
@@ -170,7 +170,7 @@ def _show(session: Session, submission_id: str, actor: str, *, is_public: bool) 
     return submission
 
 
-def _is_settled(phase: Phase, submission: Submission, now: datetime) -> bool:
+def _is_final(phase: Phase, submission: Submission, now: datetime) -> bool:
     """Whether it came in time and its deadline has passed."""
     return not is_late(phase, submission) and not can_change(phase, submission, now)
 

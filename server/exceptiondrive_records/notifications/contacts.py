@@ -26,7 +26,7 @@ from exceptiondrive_records.notifications.tables import (
 )
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.teams.teams import require_approved
-from exceptiondrive_schemas.api.notifications import NotificationView, Wish
+from exceptiondrive_schemas.api.notifications import NotificationView, Subscription
 from exceptiondrive_schemas.base import bytes_digest
 
 MAX_CONTACTS = 5
@@ -48,7 +48,7 @@ def add_contact(
     address: str,
     *,
     actor: str,
-    wishes: Sequence[Wish] = ("updates",),
+    wishes: Sequence[Subscription] = ("updates",),
 ) -> ContactPoint:
     """Let a team be told at an address; a webhook gets a secret that signs what is sent.
 
@@ -99,7 +99,7 @@ def add_contact(
 
 
 def set_wishes(
-    session: Session, team_id: int, contact_id: str, wishes: Sequence[Wish], *, actor: str
+    session: Session, team_id: int, contact_id: str, wishes: Sequence[Subscription], *, actor: str
 ) -> ContactPoint:
     """Set what an address is told of.
 

@@ -1,4 +1,4 @@
-"""What goes on between protocol updates, told to teams that wish it: scored, failed, overtaken, ends.
+"""What goes on between protocol updates, told to teams that subscribe: scored, failed, overtaken, ends.
 
 The reconciler polls now and then. Nothing is told twice: each message has a subject that is unique.
 """
@@ -27,7 +27,7 @@ from exceptiondrive_records.submissions.submissions import ids_of_team
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.submissions.views import view
 from exceptiondrive_records.teams.tables import Team
-from exceptiondrive_schemas.api.notifications import EventKind, Wish
+from exceptiondrive_schemas.api.notifications import EventKind, Subscription
 from exceptiondrive_schemas.api.own_entries import question_of
 from exceptiondrive_schemas.api.standing_words import ranked_words
 from exceptiondrive_schemas.api.submission import SubmissionStatus, SubmissionView
@@ -63,7 +63,7 @@ class _Event(NamedTuple):
 
 
 def tell_teams(database: Database) -> int:
-    """Tell what happened of late to teams that wish it; return how many messages were made."""
+    """Tell what happened of late to teams that subscribe to it; return how many messages were made."""
     with database.read() as session:
         now = database_now(session)
         events = [
@@ -89,31 +89,31 @@ def tell_teams(database: Database) -> int:
                 address=event.address,
                 phase=event.phase,
                 subject=event.subject,
-                wish=event.kind,
+                subscription=event.kind,
                 at=now,
             )
             told += 1
         return told
 
 
-def _wishes(session: Session) -> dict[int, dict[Wish, datetime]]:
-    """By team: what its confirmed addresses wish besides updates, and since when."""
+def _wishes(session: Session) -> dict[int, dict[Subscription, datetime]]:
+    """By team: what its confirmed addresses subscribe to besides updates, and since when."""
     query = select(ContactPoint).where(
         ContactPoint.removed_at.is_(None),
         ContactPoint.confirmed_at.is_not(None),
         ContactPoint.wishes.not_in(("", "updates")),
     )
-    found: dict[int, dict[Wish, datetime]] = {}
+    found: dict[int, dict[Subscription, datetime]] = {}
     for contact in session.scalars(query.order_by(ContactPoint.team_id, ContactPoint.id)):
         since = found.setdefault(contact.team_id, {})
-        for wish in contact.wishes.split():
+        for subscription in contact.wishes.split():
             at = contact.confirmed_at or contact.created_at
-            since[wish] = min(at, since.get(wish, at))  # type: ignore[index,call-overload]
+            since[subscription] = min(at, since.get(subscription, at))  # type: ignore[index,call-overload]
     return found
 
 
 def _events(
-    session: Session, team_id: int, wishes: dict[Wish, datetime], now: datetime
+    session: Session, team_id: int, wishes: dict[Subscription, datetime], now: datetime
 ) -> Iterator[_Event]:
     yield from _outcomes(session, team_id, wishes, now)
     if "overtaken" in wishes:
@@ -123,7 +123,7 @@ def _events(
 
 
 def _outcomes(
-    session: Session, team_id: int, wishes: dict[Wish, datetime], now: datetime
+    session: Session, team_id: int, wishes: dict[Subscription, datetime], now: datetime
 ) -> Iterator[_Event]:
     told = exists().where(
         Notification.team_id == team_id,

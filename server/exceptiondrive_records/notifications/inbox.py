@@ -21,7 +21,7 @@ from exceptiondrive_schemas.api.notifications import (
     ChangedEntry,
     NotificationKind,
     NotificationView,
-    Wish,
+    Subscription,
 )
 from exceptiondrive_schemas.api.rescoring import Comparison, EntryChange
 from exceptiondrive_schemas.base import canonical_json
@@ -68,7 +68,7 @@ def notify_teams(
             what_changed,
             address=f"/api/v1/rescoring/{run_id}",
             phase=phase.id,
-            wish="updates",
+            subscription="updates",
             run_id=run_id,
             at=now,
             challenge=comparison.challenge,
@@ -103,12 +103,12 @@ def tell_team(
     address: str = "/my/notices",
     phase: str = "",
     subject: str | None = None,
-    wish: Wish | None = None,
+    subscription: Subscription | None = None,
     run_id: str | None = None,
     at: datetime | None = None,
     **of_update: Any,
 ) -> Notification:
-    """Tell a team something: in its inbox, and at the confirmed addresses that wish it, or at every one.
+    """Tell a team something: in its inbox, and at confirmed addresses, those that subscribe to it or all.
 
     Args:
         session: Of a write transaction.
@@ -119,7 +119,7 @@ def tell_team(
         address: Where there is more, below the server's own.
         phase: Which it concerns; empty: none in particular.
         subject: What it is about, where nothing of its kind is told twice.
-        wish: Only addresses with this wish are told; None: every one that is confirmed.
+        subscription: Only addresses with it are told; None: every one that is confirmed.
         run_id: The rescoring run behind it.
         at: When; by default now.
         of_update: What else is said of a protocol update.
@@ -135,7 +135,7 @@ def tell_team(
         comparison=address,
         **of_update,
     )
-    addresses = listening_contacts(session, team.id, wish)
+    addresses = listening_contacts(session, team.id, subscription)
     return _put(session, team.id, view, addresses, run_id=run_id, subject=subject)
 
 
@@ -215,14 +215,20 @@ def _mentions(view: NotificationView, submission_id: str) -> bool:
     )
 
 
-def listening_contacts(session: Session, team_id: int, wish: Wish | None) -> list[ContactPoint]:
+def listening_contacts(
+    session: Session, team_id: int, subscription: Subscription | None
+) -> list[ContactPoint]:
     """Return the confirmed addresses of a team that want to be told of something; None: all of them."""
     query = select(ContactPoint).where(
         ContactPoint.team_id == team_id,
         ContactPoint.removed_at.is_(None),
         ContactPoint.confirmed_at.is_not(None),
     )
-    return [one for one in session.scalars(query) if wish is None or wish in one.wishes.split()]
+    return [
+        one
+        for one in session.scalars(query)
+        if subscription is None or subscription in one.wishes.split()
+    ]
 
 
 def list_notifications(

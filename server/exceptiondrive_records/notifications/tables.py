@@ -38,7 +38,7 @@ class ContactPoint(Base):
     """Signs the webhooks of this address, shown to the team once; of an e-mail address the key in
     the links that confirm it and unsubscribe it."""
     wishes: Mapped[str] = mapped_column(default="updates")
-    """What it is told of: `Wish`es, apart by blanks."""
+    """What it subscribes to: each a `Subscription`, separated by spaces."""
     confirmed_at: Mapped[datetime | None]
     """When whoever reads there said yes; a webhook needs no word."""
     created_at: Mapped[datetime]

@@ -124,7 +124,7 @@ def merge_teams(
         InvalidRecord: The reason cannot be kept.
         Conflict: They are one, one of them is merged, forgotten or disqualified, waits for approval or
             is a reference, both submitted the same bytes to one phase, or an entry of one would push
-            out one of the other where that is settled: in a closed or archived phase.
+            out one of the other where entries are final: in a closed or archived phase.
     """
     ids = sorted({find_team(session, slug).id, find_team(session, into).id})
     if len(ids) == 1:
@@ -201,9 +201,9 @@ def _require_places(session: Session, of_both: ColumnElement[bool]) -> None:
         }
         if len({place for _, place in places}) < len(places):
             raise Conflict(
-                f"Both teams have entries in {phase.id} that would take one place, and what stands "
-                f"there is settled since it {'closed' if has_closed(phase, now) else 'was archived'}. "
-                "They cannot be merged."
+                f"Both teams have entries in {phase.id} that would take one place, and entries there "
+                f"have been final since it {'closed' if has_closed(phase, now) else 'was archived'}. "
+                "The teams cannot be merged."
             )
 
 

@@ -94,7 +94,9 @@ def restore_submission(
     if session.scalar(held_place) is None and has_revealed(
         session, phase, submission.withdrawn_at or submission.received_at
     ):
-        raise Conflict("Scores were revealed since: what stands was settled before, and stays.")
+        raise Conflict(
+            "Hidden scores have been revealed since it was withdrawn, so it can no longer be restored."
+        )
     detail = {"reason": checked_reason(reason)}
     now = database_now(session)
     jobs = jobs_of(session, submission_id)

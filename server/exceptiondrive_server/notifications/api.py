@@ -18,7 +18,7 @@ from exceptiondrive_records.notifications.contacts import (
 from exceptiondrive_records.notifications.inbox import list_notifications, mark_read
 from exceptiondrive_records.notifications.tables import Channel, ContactPoint, DeliveryState
 from exceptiondrive_records.work.tables import WorkState
-from exceptiondrive_schemas.api.notifications import WISHES, NotificationView, Wish
+from exceptiondrive_schemas.api.notifications import SUBSCRIPTIONS, NotificationView, Subscription
 from exceptiondrive_schemas.api.problems import ProblemCode
 from exceptiondrive_server.web.auth import Reader, ServicesOf, Submitter, team_of
 from exceptiondrive_server.web.forms import Form
@@ -45,14 +45,14 @@ class NewContact(Form):
     channel: Channel
     address: Annotated[str, Field(min_length=3, max_length=500)]
     """An e-mail address, or the https address of a webhook."""
-    wishes: tuple[Wish, ...] = ("updates",)
-    """What it is told of."""
+    wishes: tuple[Subscription, ...] = ("updates",)
+    """What it subscribes to."""
 
 
-class Wishes(Form):
-    """What an address is told of from now on."""
+class Subscriptions(Form):
+    """What an address subscribes to from now on."""
 
-    wishes: tuple[Wish, ...]
+    wishes: tuple[Subscription, ...]
 
 
 class LastMessage(BaseModel):
@@ -71,7 +71,7 @@ class ContactView(BaseModel):
     channel: Channel
     address: str
     created_at: datetime
-    wishes: tuple[Wish, ...]
+    wishes: tuple[Subscription, ...]
     is_confirmed: bool
     """Whether whoever reads there said yes; an e-mail address is told nothing before."""
     secret: str | None = None
@@ -154,9 +154,9 @@ def patch_contact(
     submitter: Submitter,
     _: Reader,
     contact_id: Annotated[str, Path(max_length=64)],
-    wanted: Wishes,
+    wanted: Subscriptions,
 ) -> ContactView:
-    """Set what an address is told of: protocol updates, scored, failed, overtaken, a phase that ends."""
+    """Set what an address subscribes to: protocol updates, scored, failed, overtaken, a phase that ends."""
     with services.database.write() as session:
         team_id, actor = team_of(submitter), submitter.actor
         return _view(set_wishes(session, team_id, contact_id, wanted.wishes, actor=actor))
@@ -189,7 +189,9 @@ def _view(contact: ContactPoint) -> ContactView:
         channel=contact.channel,
         address=contact.address,
         created_at=contact.created_at,
-        wishes=tuple(wish for wish in WISHES if wish in contact.wishes.split()),
+        wishes=tuple(
+            subscription for subscription in SUBSCRIPTIONS if subscription in contact.wishes.split()
+        ),
         is_confirmed=contact.confirmed_at is not None,
     )
 

@@ -25,7 +25,7 @@ from exceptiondrive_records.notifications.inbox import (
     mark_all_read,
 )
 from exceptiondrive_records.notifications.tables import Channel
-from exceptiondrive_schemas.api.notifications import WISHES, NotificationView, Wish
+from exceptiondrive_schemas.api.notifications import SUBSCRIPTIONS, NotificationView, Subscription
 from exceptiondrive_schemas.api.rescoring import Standing
 from exceptiondrive_schemas.api.standing_words import standing_words
 from exceptiondrive_schemas.challenges import CHALLENGES
@@ -162,9 +162,9 @@ def _contact_page(request: Request, **values: Any) -> Response:
     return private_page(request, "notifications/contact.html", "", **values)
 
 
-def _wishes(form: FormData) -> list[Wish]:
+def _wishes(form: FormData) -> list[Subscription]:
     given = form.getlist("wishes")
-    return [wish for wish in WISHES if wish in given]
+    return [subscription for subscription in SUBSCRIPTIONS if subscription in given]
 
 
 def _notices_page(
@@ -191,7 +191,7 @@ def _notices_page(
         following=notices[SHOWN - 1].id if len(notices) > SHOWN else None,
         has_unread=has_unread,
         contacts=contacts,
-        wishes=WISHES,
+        wishes=SUBSCRIPTIONS,
         can_change=Scope.SUBMIT in browser.principal.scopes,
         refusal=refusal,
         typed=typed,

@@ -202,7 +202,7 @@ def show_phases(browser: OrganizerBrowser) -> Response:
 def show_new(
     browser: OrganizerBrowser, like: Annotated[str | None, Query(max_length=64)] = None
 ) -> Response:
-    """Show a form with what is usual, or with what another phase is made of and settled."""
+    """Show a form with what is usual, or with what another phase is made of and its settings."""
     if like is None:
         usual = {
             field.name: "" if field.name in WITHHELD_DEFAULTS else text_of(field.default)

@@ -18,7 +18,7 @@ TAGS = {
     "submissions": "Upload, follow, withdraw. Another team's submission is not found.",
     "boards": "Ranked boards and their entries, each at a permanent address.",
     "receipts": "Signed proof of what was scored, to be checked offline.",
-    "notifications": "What a team is told: protocol updates, what organizers do; scores, where an address wishes them.",
+    "notifications": "What a team is told: protocol updates, what organizers do; scores, if an address subscribes to them.",
     "protocols": "How trajectories become scores.",
     "documents": "JSON Schema and an example of every file.",
     "access": "Who a token speaks for.",
