@@ -1,7 +1,7 @@
-"""Attempts to sign in or to register: so many per key and quarter of an hour, exact under parallel ones.
+"""Rate limit of sign-ins and registrations: a number per key and 15 minutes, exact under concurrency.
 
-Counted in the records, as quotas are: every server process sees the same number. The library
-`limits` would bring a second store for one table of three columns.
+Attempts are counted in the database, as quotas are, so that every server process sees the same
+count. The library `limits` would add a second store to replace one table of three columns.
 """
 
 import hashlib

@@ -1,7 +1,7 @@
-"""Which token or person made which token, as the audit log knows it.
+"""Which token or person issued each token, according to the audit log.
 
-A token outlives the one that made it: a successor does so on purpose. So whoever ends one is told which
-that it made go on working.
+A token outlives its issuer, as a rotated token must. So whoever revokes a token is shown the tokens
+that it issued and that still work.
 """
 
 from collections.abc import Collection, Iterable, Mapping

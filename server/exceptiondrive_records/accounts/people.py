@@ -1,4 +1,4 @@
-"""People whom an OpenID provider vouches for, and who of them is an organizer."""
+"""People who sign in through an OpenID provider, and which of them are organizers."""
 
 import hmac
 import secrets

@@ -1,6 +1,6 @@
-"""What an organizer may do: a role, for the whole site or for named phases alone.
+"""Organizer roles, either for the whole site or for certain phases only.
 
-Which action asks for which role is decided at the routes (`exceptiondrive_server.web.organizer_rights`).
+Which role a route requires is defined in `exceptiondrive_server.web.organizer_rights`.
 """
 
 from collections.abc import Iterable

@@ -1,7 +1,7 @@
-"""Signed-in browsers: a random secret in a cookie, its digest here, and whose rights it has.
+"""Browser sessions: the cookie holds a random secret, this table its digest and owner.
 
-A session that was opened with a token may do what the token may, and ends with it. A person's has
-the rights of a member of one team, or of an organizer, as they are at the moment of each request.
+A session opened with a token has the token's rights and ends with it. A person's session has the
+rights of a member of one team, or of an organizer, looked up at each request.
 """
 
 import secrets

@@ -1,7 +1,7 @@
 """Bearer tokens: `edk_<scope letter>_<8 id>_<32 random>_<6 checksum>`, kept as a digest only.
 
-Prefix and checksum let leak scanners find them without a false alarm (docs/trust.md).
-A slow hash is needless: the random part has 190 bits.
+Prefix and checksum let leak scanners find tokens without false alarms (docs/trust.md).
+No slow hash is needed: the random part has 190 bits.
 """
 
 import hmac

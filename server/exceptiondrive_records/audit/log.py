@@ -1,8 +1,8 @@
-"""The audit chain: each line carries the hash of the one before it.
+"""The audit chain: each line carries the hash of the previous line.
 
-Lines are gathered while a write transaction runs and chained just before it commits, so that the
-head of the chain is locked last and shortly, and never in a circle with other locks. PostgreSQL works the
-hashes out itself, so that nobody has to hear of the head while it is locked.
+A write transaction collects its lines and chains them just before it commits. So the head of the
+chain is locked last, briefly, and never in a cycle with other locks. PostgreSQL computes the hashes
+itself, which saves a round trip while the head is locked.
 """
 
 import hashlib

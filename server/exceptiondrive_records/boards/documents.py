@@ -1,7 +1,7 @@
-"""The document of a board, read entry by entry.
+"""Parse the document of a board, one entry at a time, to save memory.
 
-Read all at once, it is taken apart as a whole first, which takes four times what the board keeps. And its
-entries have the same fields and few numbers that differ: each kept once, a board takes half.
+Parsing it at once needs four times the memory that the board keeps. Entries share their field names
+and most of their numbers: interning these halves what a board keeps.
 """
 
 import gc

@@ -1,4 +1,4 @@
-"""The one clock that leases and quotas know: the database's."""
+"""The database's clock, the only one that leases and quotas use."""
 
 from datetime import UTC, datetime, timedelta
 from typing import Any

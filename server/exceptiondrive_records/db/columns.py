@@ -1,4 +1,4 @@
-"""Column types that mean the same on SQLite and on PostgreSQL, and a condition on one of them."""
+"""Column types that behave alike on SQLite and PostgreSQL, and a condition on one of them."""
 
 from collections.abc import Iterable
 from datetime import UTC, datetime

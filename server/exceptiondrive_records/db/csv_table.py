@@ -1,4 +1,4 @@
-"""Tables as CSV that organizers hand in, however their spreadsheet wrote them."""
+"""Read CSV tables from organizers in any of the dialects that spreadsheets write."""
 
 import csv
 import io

@@ -1,4 +1,4 @@
-"""What the system of record refuses, each with a stable code and a sentence for the reader."""
+"""Errors of the system of record, each with a stable code and a sentence for the reader."""
 
 # ruff: noqa: N818 - these names say what happened
 

@@ -1,7 +1,7 @@
-"""What a write transaction does last: changes whose outcome nobody asks for, and a condition of all of it.
+"""Statements deferred to the end of a write transaction: updates without a result, and a condition.
 
-`Database.write` sends them with the audit lines and the commit, on PostgreSQL all in one go. So a row that
-every transaction wants is held for no round trip, however far the database is.
+`Database.write` sends them together with the audit lines and the commit, on PostgreSQL in one round
+trip. So a contended row is not held locked while answers travel, however far the database is.
 """
 
 from collections.abc import Mapping

@@ -1,4 +1,4 @@
-"""Values that are dear to make, kept while there is room for them: those asked for last."""
+"""A least-recently-used cache, bounded by bytes, of values that are expensive to compute."""
 
 import threading
 from collections import OrderedDict

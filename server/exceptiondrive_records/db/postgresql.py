@@ -1,6 +1,6 @@
-"""PostgreSQL over a network: as few round trips as there are answers to wait for.
+"""PostgreSQL over a network: one round trip for each result that is needed, and no more.
 
-Imported with the first address of one: its driver takes a twelfth of the start of a command.
+Imported only for a PostgreSQL address: the driver takes a twelfth of a command's start-up time.
 """
 
 import select

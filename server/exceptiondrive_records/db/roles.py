@@ -1,8 +1,8 @@
-"""Database roles in production: which service may do what with which table, and no more.
+"""Database roles in production: the least rights that each service needs on each table.
 
-One table of rights is the source of everything: the statements that `exceptiondrive-server roles`
-prints, what `migrate --grant-to` applies, and the tests, which run the services under these roles.
-The owner of the tables migrates; no service is the owner.
+One table of rights is the only source: `exceptiondrive-server roles` prints its statements,
+`migrate --grant-to` applies them, and tests run the services under these roles. The owner of the
+tables migrates; no service is the owner.
 """
 
 from collections.abc import Iterator, Mapping

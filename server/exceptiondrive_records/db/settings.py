@@ -1,4 +1,4 @@
-"""Settings from the environment; whatever is malformed stops the start with one clear sentence."""
+"""Settings from the environment; a malformed one stops the start with one clear sentence."""
 
 import difflib
 import os

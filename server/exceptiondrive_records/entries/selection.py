@@ -1,4 +1,4 @@
-"""What a team says of its entries: which one stands for it, and which are public."""
+"""What a team decides about its entries: which one counts, and which are public."""
 
 from collections.abc import Sequence
 from datetime import datetime

@@ -1,4 +1,4 @@
-"""Alembic migrations, applied by `migrate`. Every command asks for the schema, and few migrate: only those import Alembic."""
+"""Alembic migrations, applied by `migrate`. Other commands check the schema without importing Alembic."""
 
 from functools import cache
 from pathlib import Path

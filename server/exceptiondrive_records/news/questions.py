@@ -1,4 +1,4 @@
-"""Questions of teams: answered to the team alone, or to everybody without its name."""
+"""Questions from teams, answered privately, or publicly without the team's name."""
 
 import re
 
