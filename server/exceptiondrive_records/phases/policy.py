@@ -1,4 +1,4 @@
-"""Where a phase stands in its life: what is frozen, late, hidden or anonymous, and what is shown."""
+"""The state of a phase at a moment: what is frozen, late, hidden or anonymous, and what is shown."""
 
 import hashlib
 import hmac

@@ -1,4 +1,4 @@
-"""What a team may still submit: submissions per UTC day and in total; what brought no score is capped."""
+"""What a team may still submit, per UTC day and in total; submissions without a score are capped."""
 
 from datetime import datetime
 from functools import cache

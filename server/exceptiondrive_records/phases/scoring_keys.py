@@ -1,4 +1,4 @@
-"""What sheets are kept under, and which runs ask for fresh submissions to be scored twice."""
+"""The keys of score sheets, and the runs for which new submissions are scored a second time."""
 
 from typing import NamedTuple
 

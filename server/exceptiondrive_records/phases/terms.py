@@ -1,4 +1,4 @@
-"""The terms of a phase: which version stands, and whether a team accepted it."""
+"""The terms of a phase: which version is in force, and whether a team accepted it."""
 
 import hashlib
 from datetime import datetime

@@ -1,6 +1,6 @@
-"""Which protocols readers know of: what phases and shown boards stand under, and what is packaged.
+"""Which protocols are public: those of phases and published boards, and the packaged ones.
 
-One that is added for a run in preparation is not among them.
+A protocol added for a run in preparation is not among them.
 """
 
 from sqlalchemy import select, union

@@ -1,4 +1,4 @@
-"""The states of a rescoring run; each step has an actor and a reason, and leaves an audit line."""
+"""The states of a rescoring run; each step has an actor and a reason, and writes an audit line."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any

@@ -1,4 +1,4 @@
-"""Two boards side by side. Pure: what readers see now, and what they would see."""
+"""Compare two boards: what readers see now, and what they would see. Pure."""
 
 from dataclasses import dataclass
 

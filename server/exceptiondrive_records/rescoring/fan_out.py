@@ -1,6 +1,6 @@
 """What the reconciler does for runs: jobs for missing sheets, the draft board, the next state.
 
-Everything is decided anew from what is recorded, so that any crash is made good by the next pass.
+Each pass decides from the records alone, so that it repairs whatever a crash left.
 """
 
 from sqlalchemy import Select, delete, func, select, update

@@ -1,4 +1,4 @@
-"""Apply and roll back: one transaction moves the pointer, and nothing when anything is missing."""
+"""Apply and roll back: one transaction moves the pointer, or nothing if anything is missing."""
 
 from datetime import datetime
 

@@ -1,4 +1,4 @@
-"""The end of a freeze, and of what a reveal ends; teams are told of both."""
+"""End a freeze, and whatever else ends with a reveal; teams are notified of both."""
 
 from collections.abc import Iterable
 from datetime import datetime

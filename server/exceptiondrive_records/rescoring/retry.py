@@ -1,4 +1,4 @@
-"""A second chance from organizers: for what failed by our own fault, and for what was withdrawn."""
+"""Retry submissions that failed through our own fault, and restore withdrawn ones."""
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session

@@ -1,4 +1,4 @@
-"""Reveal the other part of a split: nothing but a rescoring run to the revision of that part."""
+"""Reveal the withheld part of a split: a rescoring run to the revision of that part."""
 
 from collections.abc import Iterator
 from datetime import datetime

@@ -1,4 +1,4 @@
-"""A phase is changed, or its board revealed, and its teams are told what that means for them."""
+"""Change a phase or reveal its board, and notify its teams of what that means for them."""
 
 from datetime import timedelta
 

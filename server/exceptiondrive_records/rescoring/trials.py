@@ -1,6 +1,6 @@
-"""Trials: a worker tries the split under what a run leads to, before anything is promised.
+"""Trials: a worker tests the split under a run's target protocol before the run starts.
 
-Only workers open splits; what comes back is why it cannot be scored, and of how many samples.
+Only workers open splits; a trial reports why samples cannot be scored, and how many.
 """
 
 from sqlalchemy import select, update

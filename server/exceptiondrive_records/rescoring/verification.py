@@ -1,7 +1,7 @@
-"""Verification: sheets are recomputed from the uploads, and every bit must come again.
+"""Verification: recompute sheets from the uploads and compare them bit for bit.
 
 It is a rescoring run whose target is its source. Each sheet is an item of the work table, which
-keeps what came of it; no sheet is written.
+records the outcome; no sheet is written.
 """
 
 from collections import Counter

@@ -1,4 +1,4 @@
-"""The read model: runs, previews and the history of boards, as API and pages show them."""
+"""Read model of runs, previews and the history of boards, for API and pages."""
 
 from collections.abc import Mapping
 

@@ -1,4 +1,4 @@
-"""Confirmations of organizers: kept here, believed by workers alone."""
+"""Confirmations signed by organizers: stored here, verified by workers only."""
 
 import base64
 

@@ -1,7 +1,7 @@
-"""Drawings as the server may know them: of public splits, and of protocols.
+"""Drawings that the server may hold: of entries on public splits, and of protocols.
 
-A drawing of an entry shows hazard regions. So it is kept only with a `PublicSplit`, which is found
-only where the whole split file is public; and the table refuses it otherwise (`EntryDrawingsRow`).
+A drawing of an entry shows hazard regions. So storing one takes a `PublicSplit`, which exists only
+if the whole split file is public; the table refuses it otherwise (`EntryDrawingsRow`).
 """
 
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""Under which protocols workers have opened a withheld split: each is another question about its regions."""
+"""Under which protocols workers opened a withheld split: each one reveals more about its regions."""
 
 from sqlalchemy import bindparam, select
 from sqlalchemy.orm import Session

@@ -1,6 +1,6 @@
-"""Pictures of samples as the server may know them: of public splits, under a licence in words.
+"""Pictures of samples that the server may hold: of public splits, with their licence.
 
-The table refuses what is of no public split (`tables.SamplePictureRow`), as it does with drawings.
+The table refuses pictures of a split that is not public (`tables.SamplePictureRow`), as for drawings.
 """
 
 from collections.abc import Iterable

@@ -1,6 +1,6 @@
-"""Which revisions of a split readers know of: a phase stands at them, or a board was shown.
+"""Which revisions of a split are public: those that a phase uses or a published board used.
 
-A revision that is registered for a run in preparation is not among them.
+A revision registered for a run in preparation is not among them.
 """
 
 from collections.abc import Iterable

@@ -1,4 +1,4 @@
-"""Splits as the server may know them: manifest and family sizes, never a region or a task."""
+"""What the server may know about a split: manifest and family sizes, never a region or a task."""
 
 from collections.abc import Mapping
 from datetime import UTC

@@ -1,6 +1,6 @@
-"""What a team says of its submissions, changed at any time: name, words, links, facts.
+"""A team's description of its submissions, editable at any time: name, text, links, facts.
 
-No board is altered: a new one says the new name, and facts are joined to a board when it is read.
+No board is altered: a new one shows the new name, and facts are joined to a board when it is read.
 """
 
 from collections.abc import Iterable

@@ -1,7 +1,7 @@
-"""Uploads by content: written once under the SHA-256 of their bytes, verified when read.
+"""Content-addressed store of uploads: written once under their SHA-256, verified when read.
 
 Backends through obstore: a local folder, S3, or memory for tests. A file is on disk, synced and
-under its name before the row that mentions it is written.
+under its final name before the row that mentions it is written.
 """
 
 import contextlib

@@ -1,4 +1,4 @@
-"""What a team is asked before an upload counts: which of its entries it takes the place of."""
+"""The question to a team before an upload counts: which of its entries the upload replaces."""
 
 from sqlalchemy.orm import Session
 

@@ -1,4 +1,4 @@
-"""How much has been told of a split: the submissions that have sheets of it."""
+"""How much has been revealed about a split: the submissions with sheets of it."""
 
 from datetime import datetime, timedelta
 

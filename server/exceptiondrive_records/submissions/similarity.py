@@ -1,4 +1,4 @@
-"""The organizers' report of submissions that are alike; workers compare, this only tells."""
+"""The organizers' report of similar submissions; workers compare them, this only reads."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass

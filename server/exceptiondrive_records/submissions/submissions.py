@@ -1,4 +1,4 @@
-"""Submissions: accepted in one transaction, after which they cannot be lost."""
+"""Submissions: accepted in one transaction, and never lost afterwards."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

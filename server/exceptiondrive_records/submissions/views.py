@@ -1,4 +1,4 @@
-"""Submissions as their team sees them: with place in the queue, sheet and rank."""
+"""Submissions as their team sees them, with queue position, score sheet and rank."""
 
 from collections.abc import Collection, Mapping, Sequence
 from datetime import datetime

@@ -1,9 +1,10 @@
-"""Requests for boards, and when a build may begin: at once when all is scored, else at a pace.
+"""Requests for boards, and when a build may begin: at once if all is scored, else rate-limited.
 
-A board costs more, the more entries it has. While live submissions wait or are scored, a board is built
-two seconds after the first score that it lacks, and as long after the last build, or several times what
-that one took. So boards go at the pace of readers, whose pages look every three seconds, and leave the
-workers to scoring; but none lags behind for long, and the last score of a rush is followed by a build at once.
+The more entries a board has, the more it costs. While live submissions wait or are being scored, a
+board is built two seconds after the first score that it lacks, and not sooner after the last build
+than two seconds or several times what that build took. So boards keep the pace of readers, whose
+pages poll every three seconds, and leave workers to scoring. The last score of a rush triggers a
+build at once.
 """
 
 from datetime import datetime

@@ -1,10 +1,10 @@
 """Dispatch: wakes workers through the broker. The records are the queue; a message only wakes.
 
-A message carries no state and belongs to no item: whoever comes claims what is next in its lane.
-So messages may be lost or doubled; as many wait in a lane as it has work for, at most one a worker:
-an upload adds one where none waits, since a free worker takes it at once, and wakes others for what is left.
-A message that the broker does not take is logged and forgotten: the reconciler wakes again. For a
-moment after a failure none is sent, so that a dead broker does not slow every upload down.
+A message carries no state and belongs to no item: the worker that takes it claims the next item of
+its lane. So messages may be lost or duplicated. An upload sends one if none is waiting in the lane;
+a free worker takes it at once, and wakes others for what is left, at most one message a worker.
+A message that the broker refuses is logged and dropped: the reconciler wakes again. For a moment
+after a failure none is sent, so that a dead broker does not slow every upload down.
 """
 
 import time

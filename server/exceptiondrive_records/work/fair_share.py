@@ -1,8 +1,8 @@
-"""Fair share: whose job is scored next. Decided when a worker is free, not before.
+"""Fair share: whose job is scored next, decided when a worker becomes free, not before.
 
-First comes the team with the least under way, then the one that was served longest ago, then the
-one whose file waits longest; within a team the file that waits longest goes first. So a flood delays
-nobody's first file by more than the jobs that run already.
+The team with the fewest running jobs comes first, then the one served longest ago, then the one whose
+file has waited longest; within a team, the file that has waited longest. So a flood from one team
+delays another's first file only by the jobs that are already running.
 """
 
 from collections.abc import Iterable

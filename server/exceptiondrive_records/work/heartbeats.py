@@ -1,4 +1,4 @@
-"""Signs of life: each says until when its worker counts as living."""
+"""Heartbeats of workers: each says until when its worker counts as alive."""
 
 from collections.abc import Sequence
 

@@ -1,4 +1,4 @@
-"""Scoring jobs: claimed in fair order; score, status, audit line and board request are one step."""
+"""Scoring jobs, claimed in fair order; score, status, audit line and board request commit together."""
 
 from datetime import datetime, timedelta
 from functools import lru_cache

@@ -1,7 +1,7 @@
-"""The lease: whoever does a work item claims it, and ends it while the lease is still its own.
+"""The lease: a worker claims a work item, and may finish it only while it still holds the lease.
 
-Every step is one compare-and-set by the database's clock. Choosing and claiming is one statement,
-so that two that come at once take two items, and neither waits for the other.
+Every step is one compare-and-set by the database's clock. Choosing and claiming is one statement, so
+that two concurrent workers take two different items, and neither waits for the other.
 """
 
 from collections.abc import Callable, Sequence

@@ -1,4 +1,4 @@
-"""Profiles of scored files: what a file looks like is worked out when its team asks."""
+"""Profiles of scored files (what their trajectories look like), computed when the team asks."""
 
 from collections.abc import Iterable
 

@@ -1,4 +1,4 @@
-"""The table of work: a row for each thing to do, with the lease on it; and who is there to do it."""
+"""The work table, a row for each item with its lease; and the heartbeats of workers."""
 
 from datetime import datetime
 from enum import StrEnum
