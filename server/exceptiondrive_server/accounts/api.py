@@ -1,4 +1,4 @@
-"""A team's own tokens, for a token with the scope `tokens`. Another team's is not found."""
+"""A team's own tokens, for a token with the scope `tokens`. Tokens of other teams answer 404."""
 
 from typing import Annotated
 

@@ -1,4 +1,4 @@
-"""Boards: the current one, one of a date, each at its permanent address; JSON and CSV."""
+"""Boards as JSON and CSV: the current one, the one of a date, and each at its permanent address."""
 
 from typing import Annotated, Any
 from urllib.parse import urlencode

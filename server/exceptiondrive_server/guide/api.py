@@ -1,4 +1,4 @@
-"""The published forms: JSON Schema and one small valid example of every file."""
+"""The published formats: JSON Schema and one small valid example of every file."""
 
 from typing import Annotated, Any
 

@@ -1,4 +1,4 @@
-"""News of a phase for everybody; questions of a team to the organizers."""
+"""Public news of a phase; a team's questions to the organizers."""
 
 from typing import Annotated
 

@@ -1,4 +1,4 @@
-"""What a team is told, and where: its inbox, webhooks and e-mail addresses."""
+"""A team's notifications: its inbox, webhooks and e-mail addresses."""
 
 from datetime import datetime
 from typing import Annotated

@@ -1,4 +1,4 @@
-"""Whether scoring keeps up, and the links of the site, for everybody."""
+"""Public status of scoring, and the links of the site."""
 
 from fastapi import APIRouter
 

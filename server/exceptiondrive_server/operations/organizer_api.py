@@ -1,4 +1,4 @@
-"""The links of the site, as organizers set them."""
+"""Organizers set the links of the site."""
 
 from fastapi import APIRouter
 
