@@ -1,4 +1,4 @@
-"""What readers are told of disqualifications, and what teams accept."""
+"""Public notes on disqualifications, and the terms that teams accept."""
 
 from datetime import datetime
 from typing import Annotated

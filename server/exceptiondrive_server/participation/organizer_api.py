@@ -1,4 +1,4 @@
-"""What organizers do with teams: conduct, allowances, names, messages, many at once."""
+"""Organizers manage teams: disqualification, allowances, names, messages, imports."""
 
 from typing import Annotated
 

@@ -1,4 +1,4 @@
-"""Rescoring runs, as organizers steer them. Every step needs a reason, and none edits a score."""
+"""Rescoring runs, controlled by organizers. Every step needs a reason, and none edits a score."""
 
 from collections.abc import Callable
 from typing import Annotated

@@ -1,4 +1,4 @@
-"""Development splits: the whole file, regions included. Withheld splits are not found here."""
+"""Public splits: the whole file, regions included. Withheld splits answer 404."""
 
 import gzip
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""Submissions: accept an upload, show where it stands, withdraw it."""
+"""Submissions: accept an upload, show its status, withdraw it."""
 
 import time
 from collections.abc import Callable

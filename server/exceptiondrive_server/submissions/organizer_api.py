@@ -1,4 +1,4 @@
-"""Submissions of all teams, as organizers look at them, recompute, restore and answer for them."""
+"""Submissions of all teams: organizers list, recompute and restore them, and answer in a team's place."""
 
 from typing import Annotated, Any
 

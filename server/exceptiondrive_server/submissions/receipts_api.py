@@ -1,4 +1,4 @@
-"""Receipts of scored submissions, and the public keys that check them."""
+"""Receipts of scored submissions, and the public keys to verify them."""
 
 from fastapi import APIRouter
 from sqlalchemy.orm import Session
