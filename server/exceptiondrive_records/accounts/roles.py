@@ -14,14 +14,14 @@ from exceptiondrive_records.phases.tables import Phase
 
 
 class OrganizerRole(StrEnum):
-    """From the least to the most: each may do what those before it may."""
+    """Ordered by rights: each role includes those before it."""
 
     READ_ONLY = "read-only"
     HELPER = "helper"
     OWNER = "owner"
 
     def includes(self, other: "OrganizerRole") -> bool:
-        """Whether whoever has this role may do what the other one may."""
+        """Whether this role includes the rights of the other one."""
         order = list(OrganizerRole)
         return order.index(self) >= order.index(other)
 
