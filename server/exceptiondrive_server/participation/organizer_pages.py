@@ -28,6 +28,7 @@ from exceptiondrive_records.participation.messages import (
     recipients,
     send_message,
 )
+from exceptiondrive_records.participation.tables import Disqualification
 from exceptiondrive_records.phases.allowances import allowance_of
 from exceptiondrive_records.phases.phases import find_phase, list_phases, lock_phase
 from exceptiondrive_records.submissions.submissions import find_submission
@@ -76,6 +77,8 @@ TABLE = (
           is_required=True, max_length=200_000),
 )  # fmt: skip
 SHOWN_RECIPIENTS = 40
+_EVERY_PHASE = "*"
+"""Is the id of no phase."""
 
 
 # Many teams at once.
@@ -268,7 +271,13 @@ def team_disqualification(services: ServicesOf, team_id: TeamId) -> Step:
     with services.database.read() as session:
         team = find_team(session, team_id)
         phases = tuple((one.id, one.title) for one in list_phases(session, with_hidden=True))
-    where = FormField("phase_id", "Where", "choice", options=phases, empty="in every phase")
+    options = (*phases, (_EVERY_PHASE, "every phase"))
+    where = FormField("phase_id", "Where", "choice", is_required=True, options=options)
+
+    def take(session: Session, *, phase_id: str, **given: Any) -> Disqualification:
+        only = None if phase_id == _EVERY_PHASE else phase_id
+        return disqualify_team(session, team_id, phase_id=only, **given)
+
     return _step(
         team,
         title=f"Disqualify {team.name}",
@@ -278,7 +287,7 @@ def team_disqualification(services: ServicesOf, team_id: TeamId) -> Step:
         fields=(where, TOLD_REASON, PUBLIC_NOTE),
         command=f'exceptiondrive organizer teams disqualify {team.slug} --reason "…"',
         is_grave=True,
-        take=partial(disqualify_team, slug=team_id),
+        take=take,
         done="disqualified",
     )
 
