@@ -173,7 +173,7 @@ def merge(services: ServicesOf, team_id: TeamId) -> Step:
     return _step(
         team,
         title=f"Merge {team.name} into another team",
-        meaning="Its submissions, people and addresses become the other team's, its tokens are "
+        meaning="Its submissions, people, addresses and questions become the other team's, its tokens are "
         "revoked, and both quotas count together. An allowance of its own holds for what it sent; the other "
         f"team is not granted it. {AFTER_A_MERGE} This cannot be taken back.",
         button="Merge",
@@ -195,8 +195,8 @@ def forget(services: ServicesOf, team_id: TeamId) -> Step:
         team,
         title=f"Forget {team.name}",
         meaning="People, addresses, messages and what it says of its methods are taken out of the "
-        "records, its tokens end, and an alias stands on every board, old ones too; scores and the "
-        "digests of boards stay. Name nobody in the reason. This cannot be taken back.",
+        "records, its tokens end, and an alias stands on every board, old ones too, which have another "
+        "digest then; scores stay. Name nobody in the reason. This cannot be taken back.",
         button="Forget",
         fields=(_retype_field(team), REASON),
         command=f'exceptiondrive organizer teams forget {team.slug} --reason "…"',
