@@ -224,7 +224,9 @@ def _once_typed(team: Team, action: Callable[..., Any]) -> Callable[..., Any]:
 
 
 @step_at(router, "/teams/{team_id}/allowances/{phase_id}")
-def allowance(services: ServicesOf, team_id: TeamId, phase_id: PhaseId) -> Step:
+def allowance(
+    browser: OrganizerBrowser, services: ServicesOf, team_id: TeamId, phase_id: PhaseId
+) -> Step:
     """Set what one team has in a phase instead of what all have."""
 
     def texts(session: Session) -> dict[str, str]:
@@ -241,7 +243,7 @@ def allowance(services: ServicesOf, team_id: TeamId, phase_id: PhaseId) -> Step:
         team, phase = find_team(session, team_id), find_phase(session, phase_id)
         shown = texts(session)
     until = minute(phase.closes_at) if phase.closes_at else "none"
-    return _step(
+    step = _step(
         team,
         title=f"Allowance of {team.name} in {phase.title}",
         meaning="A later deadline holds for what came before it was granted, too: within it an "
@@ -259,6 +261,11 @@ def allowance(services: ServicesOf, team_id: TeamId, phase_id: PhaseId) -> Step:
         '--closes-at TIME --reason "…"',
         take=partial(set_allowance, slug=team_id, phase_id=phase_id),
         done="allowance_set",
+    )
+    if browser.principal.is_organizer:
+        return step
+    return replace(
+        step, section="phases", back=f"/organize/phases/{phase.id}", back_words="The phase"
     )
 
 
