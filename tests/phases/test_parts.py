@@ -516,7 +516,7 @@ def test_the_reveal_waits_for_the_deadline_then_flips_the_board_once(life: "Life
     preview = life.json(f"/api/v1/organizer/rescoring/{run}/preview", "organizer")
     organizer, waits = (
         visitor(life, "organizer"),
-        "ready, but something stands in the way of applying",
+        "ready, but something prevents applying",
     )
     for address in ("/organize", f"/organize/rescoring/{run}"):
         assert waits in organizer.get(address).text
@@ -550,7 +550,7 @@ def test_the_reveal_waits_for_the_deadline_then_flips_the_board_once(life: "Life
         life.get(f"/rescoring/{run}"),
         visitor(life, "organizer").get(f"/organize/rescoring/{run}/preview"),
     ):
-        assert "other samples count, or the same ones" in page.text
+        assert "different samples count, or the same ones" in page.text
 
 
 def test_a_reveal_that_is_rolled_back_stays_known(life: "Life") -> None:

@@ -429,9 +429,9 @@ def test_two_teams_become_one_with_entries_people_and_addresses(world: World) ->
         assert [one.address for one in list_contacts(session, world.team_id)] == [
             "https://example.com/x"
         ]
-        moved, stands = list_notifications(session, world.team_id)[0].what_changed
+        moved, counts = list_notifications(session, world.team_id)[0].what_changed
         assert moved.startswith("Its 1 submission, people and addresses are")
-        assert stands.startswith("Of runs of one method one alone stands")
+        assert counts.startswith("Only one run of a method counts")
         tokens = session.scalars(select(Token).where(Token.team_id == beta))
         assert all(token.revoked_at is not None for token in tokens)
         assert find_team(session, "beta").name == "Beta"

@@ -74,7 +74,7 @@ def test_an_update_goes_from_document_to_rollback_over_the_pages(
     assert words in organizer.get(here).text
     again = "The run is applied already; it can be applied only while it is scoring or ready."
     page = organizer.get(f"{here}/apply?preview={digest}").text
-    assert f"It would be refused now.</b> {again}" in page
+    assert f"This would be refused now.</b> {again}" in page
     assert again in organizer.step(run_id, "apply", preview=digest).text
     (score_before, score_now) = _scores(
         organizer.get(f"/organize/submissions/{stage.submitted[0]}").text

@@ -70,7 +70,7 @@ def test_a_team_is_made_gets_a_token_once_and_loses_it(
     made = organizer.post(TEAMS, {"id": "gamma", "name": "Gamma"}, page=TEAMS)
     here = f"{TEAMS}/gamma"
     assert made.headers["location"] == f"{here}?done=team_created"
-    assert "None yet: the team cannot do anything." in organizer.get(here).text
+    assert "No token yet: the team cannot do anything." in organizer.get(here).text
     with api.database.write() as session:
         ada = welcome_person(session, Identity("https://issuer.example", "ada")).id
         add_member(session, find_team(session, "gamma"), ada, actor="test")
@@ -339,7 +339,7 @@ def test_teams_and_people_are_found_among_many(one: "TeamBrowser") -> None:
         ("alpha", ["Alpha"]),
     ):
         assert listed(one, f"{TEAMS}?q={asked}") == found
-    assert "1 of 32 teams with “åbo”." in one.get(f"{TEAMS}?q=åbo").text
+    assert "1 of 32 teams match “åbo”." in one.get(f"{TEAMS}?q=åbo").text
     nobody = one.get(f"{TEAMS}?q=nobody").text
     assert ("0 of 32 teams" in nobody, "No team yet" in nobody) == (True, False)
     assert len(listed(one, TEAMS)) == 32

@@ -84,7 +84,7 @@ def forget_person(session: Session, person_id: str, *, reason: str, actor: str) 
     """
     person = find_person(session, person_id, lock=True)
     if person.is_organizer:
-        raise Conflict("The person is an organizer: take their role first.")
+        raise Conflict("The person is an organizer: remove their role first.")
     audit(session, actor, "person forgotten", person.id, {"reason": checked_reason(reason)})
     for team in teams_of(session, person.id):
         remove_member(session, team.id, person.id, actor=actor)

@@ -51,7 +51,7 @@ REASON = FormField(
     "reason",
     "Reason",
     "lines",
-    "stands in the audit log, with your name",
+    "kept in the audit log, with your name",
     is_required=True,
     max_length=1000,
 )

@@ -417,7 +417,7 @@ def _verdict_words(verdict: dict[str, Any], is_cut: bool) -> str:
             "the audit log was CUT OFF or written anew: no line has the head that you kept; "
             f"it is a chain of {whole}"
         )
-    return f"the audit log is whole: {whole}"
+    return f"the audit log is intact: {whole}"
 
 
 @with_organizer
