@@ -488,14 +488,14 @@ def test_what_a_freeze_hid_and_a_reveal_showed_opens_nothing_again(life: "Life")
     life.done("/phases/test/freeze")
     life.submit("alpha", PUBLIC_ONLY, "M", "plain")
     shown = {"policy": {"frozen_scores": "shown"}}
-    words = "cannot change any more"
+    words = "can no longer change"
     assert words in life.refused("/phases/test", shown, 409, "PATCH"), "during the freeze"
     life.move(closes_at=life.now())
     life.done("/phases/test/reveal", {"what": "board", "reason": "the end"})
     assert words in life.refused("/phases/test", shown, 409, "PATCH")
     for later in (life.ahead(60), None):
         refused = life.refused("/phases/test", {"closes_at": later}, 409, "PATCH")
-        assert "Make another phase" in refused
+        assert "Create another phase" in refused
     grant = {"closes_at": life.ahead(60), "reason": "ill"}
     assert "revealed" in life.refused("/teams/alpha/allowances/test", grant, 409, "PATCH")
 
@@ -534,7 +534,7 @@ def test_the_reveal_waits_for_the_deadline_then_flips_the_board_once(life: "Life
     assert "counts 3 samples, the private part of the split." in life.get("/?phase=test").text
     for later in (life.ahead(60), None):  # the private part would answer live uploads
         refused = life.refused("/phases/test", {"closes_at": later}, 409, "PATCH")
-        assert "Make another phase" in refused
+        assert "Create another phase" in refused
     assert life.board(f"&as_of={since}")["part"] == "public"
     assert life.get("/api/v1/boards/test/1").text == old
     changes = life.json("/api/v1/boards?phase=test")[0]["what_changed"]
@@ -564,7 +564,7 @@ def test_a_reveal_that_is_rolled_back_stays_known(life: "Life") -> None:
     life.done(f"/rescoring/{run}/rollback", {"reason": "a mistake"})
     assert life.json("/api/v1/phases/test")["now"]["part"] == "public"
     refused = life.refused("/phases/test", {"closes_at": life.ahead(60)}, 409, "PATCH")
-    assert "Make another phase" in refused
+    assert "Create another phase" in refused
     grant = {"closes_at": life.ahead(60), "reason": "ill"}
     assert "revealed" in life.refused("/teams/beta/allowances/test", grant, 409, "PATCH")
     assert life.request("POST", f"/api/v1/submissions/{own}/choose", "beta").status_code == 409

@@ -77,7 +77,7 @@ def test_regions_that_touch_the_new_footprint_are_told_before_anything_begins(
         assert "until you start it" not in told, place
     refused = scored.refused(f"/rescoring/{run['id']}/start", {"reason": "go"}, 409)
     assert f"some {TOUCH}" in refused
-    assert "No team can help it" in refused
+    assert "Teams can do nothing about it" in refused
     assert scored.done(f"/rescoring/{run['id']}/cancel", {"reason": "no"})["state"] == "cancelled"
     assert len(scored.entry_ids()) == 1
 

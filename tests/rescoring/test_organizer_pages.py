@@ -65,7 +65,7 @@ def test_an_update_goes_from_document_to_rollback_over_the_pages(
     digest = organizer.seen_digest(run_id)
     assert organizer.get(f"{here}/preview.json").json()["digest"] == digest
     wrong = organizer.step(run_id, "apply", preview="sha256:0").text
-    assert "it is stale, as submissions or boards have changed since, or it never was one" in wrong
+    assert "stale: submissions or boards have changed since, or it is none of this run" in wrong
     assert stage.board() == before
     assert organizer.get(f"{here}/apply").headers["location"] == f"{here}/preview"
     applied = organizer.step(run_id, "apply", preview=digest)

@@ -177,7 +177,7 @@ def test_a_phase_is_made_and_a_deadline_is_moved(
     }
     assert "phase changed" in organizer.get(here).text
     past = organizer.send(here, {**settings(organizer, here), "closes_at": "2001-01-01T00:00"})
-    assert (past.status_code, "“Closes at” lies in the past" in past.text) == (400, True)
+    assert (past.status_code, "“Closes at” is in the past" in past.text) == (400, True)
 
 
 def test_the_life_of_a_phase_is_steered_with_reasons(api: "Api", one: "TeamBrowser") -> None:

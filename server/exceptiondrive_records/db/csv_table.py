@@ -27,7 +27,7 @@ def named_rows(text: str, *, most: int) -> list[tuple[int, dict[str, str]]]:
     if twice:
         raise InvalidRecord(f"The first line names the column {min(twice)} twice.")
     if not rows:
-        raise InvalidRecord("There is no row: write one a line below the names of columns.")
+        raise InvalidRecord("There are no rows: write one per line below the column names.")
     if len(rows) > most:
         raise InvalidRecord(f"There are more than {most} rows; import them in parts.")
     return [(line, dict(zip(names, map(str.strip, row), strict=True))) for line, row in rows]
@@ -56,7 +56,7 @@ def _rows(text: str) -> list[tuple[int, list[str]]]:
             line = reader.line_num + 1
     except csv.Error as error:
         raise InvalidRecord(
-            f"This is no table as CSV: {error}. Save it as CSV; in quoted text write each quote twice."
+            f"This is not a CSV table: {error}. Save it as CSV; in quoted text write each quote twice."
         ) from None
     return rows
 

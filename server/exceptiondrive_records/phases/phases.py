@@ -124,7 +124,9 @@ def create_phase(session: Session, new: NewPhase, *, actor: str) -> Phase:
     )
     check_phase(phase)
     session.add(phase)
-    flush_or_refuse(session, "Its protocol was deleted meanwhile, or the id taken: look anew.")
+    flush_or_refuse(
+        session, "Its protocol was deleted meanwhile, or the id taken: reload the page."
+    )
     want_board(session, phase.id, phase.protocol_digest)
     detail = {
         "challenge": phase.challenge,

@@ -69,13 +69,13 @@ def delete_protocol(
     users = protocol_users(session).get(row.digest)
     if users:
         raise Conflict(
-            f"Protocol {row.version} stays: {', '.join(users)} names it, and the records keep every "
-            "run, of cancelled ones too what a worker found. A new document needs another version."
+            f"Protocol {row.version} cannot be deleted: {', '.join(users)} names it, and the records keep "
+            "every run, even a cancelled one. A new document needs another version."
         )
     if row.digest in packaged_digests():
-        raise Conflict(f"Protocol {row.version} came with this software; readers find it here.")
+        raise Conflict(f"Protocol {row.version} comes with this software and cannot be deleted.")
     session.delete(row)
-    flush_or_refuse(session, f"Protocol {protocol.version} is in use and stays.")
+    flush_or_refuse(session, f"Protocol {protocol.version} is in use and cannot be deleted.")
     detail = {"digest": protocol.digest, "reason": reason}
     audit(session, actor, "protocol deleted", protocol.version, detail)
     return protocol

@@ -50,11 +50,11 @@ from exceptiondrive_schemas.protocol import GeometrySection, ProtocolDocument
 
 CURE_OF_SPLIT = (
     "Cancel the run; then change the protocol, or register a revision of the split that moves or "
-    "withdraws these samples. No team can help it."
+    "withdraws these samples. Teams can do nothing about it."
 )
 CURE_OF_FLOORS = (
-    "Started as it is, every sheet would fail. Cancel the run and change the protocol; or start it once "
-    "what they ask for is there."
+    "If you start it now, every sheet will fail. Cancel the run and change the protocol, or start it once "
+    "the floors allow it."
 )
 _DONE = {
     RunAction.START: "started",
@@ -169,7 +169,7 @@ def _new_run(
         state_at=now,
     )
     session.add(run)
-    flush_or_refuse(session, "The protocol was deleted meanwhile: look at the list anew.")
+    flush_or_refuse(session, "The protocol was deleted meanwhile: reload the list.")
     return run
 
 
@@ -268,7 +268,7 @@ def require_action(session: Session, run: RescoringRun, action: RunAction) -> Ru
     if run.state in states:
         return states[run.state]
     if not states:
-        raise Conflict("The run verifies sheets: it ends by itself, or is cancelled.")
+        raise Conflict("The run verifies sheets: it ends by itself, or you cancel it.")
     *first, last = [_state_words(state) for state in states]
     before = f"{', '.join(first)} or {last}" if first else last
     if action is RunAction.RESUME:

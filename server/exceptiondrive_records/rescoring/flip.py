@@ -67,21 +67,19 @@ from exceptiondrive_schemas.printable import counted
 _NAMED = 5
 _ENDINGS = ("scoring failed", "submission rejected")
 _REJECTED = "file rejected"
-_STORE = (
-    "Bring the store of uploads back as it was, from its backup if need be; then resume the run."
-)
+_STORE = "Restore the store of uploads, from its backup if need be; then resume the run."
 _CURES = {
     "split_refused": CURE_OF_SPLIT,
     "split_floor": "The floors of the withheld split forbid it: the overview and the audit log say "
     "what was asked. Cancel the run, and ask for less.",
     "split_day_full": "The withheld split allows no more within a day: resume the run tomorrow.",
-    "time_limit": "Give the workers more time, or take load away; then resume the run.",
+    "time_limit": "Give the workers more time, or reduce the load; then resume the run.",
     "out_of_memory": "Give the workers more memory; then resume the run.",
     "upload_damaged": _STORE,
     "upload_missing": _STORE,
     "upload_unreadable": _STORE,
-    _REJECTED: "The files cannot be read under what is to come, and trying again does not help: "
-    "cancel the run.",
+    _REJECTED: "The files cannot be read under the new protocol or revision, and trying again does not "
+    "help: cancel the run.",
 }
 _USUAL_CURE = "The worker's log names the place in the code; resume the run to try again."
 
@@ -111,9 +109,9 @@ def _failure_sentence(code: str, ids: list[str]) -> str:
 
 
 _NO_BOARD = (
-    "The phase has no board yet that a run could change. Where the overview says that the floors of its "
+    "The phase has no board yet that a run could change. If the overview says that the floors of its "
     "withheld split refuse its own protocol, there will be none: cancel the run, and open a new phase "
-    "under the protocol to come. What failed cost no quota."
+    "under the new protocol. What failed used no quota."
 )
 _BLOCKED_IN_WORDS = (RunState.DRAFT, RunState.PAUSED)
 """States that cannot be applied, and say themselves what to do about it."""
@@ -231,8 +229,8 @@ def notify_of_run(
 
 
 STALE = (
-    "The preview named is not the newest one of the run: it is stale, as submissions or boards have "
-    "changed since, or it never was one. Look at the newest preview, and apply that one."
+    "The preview is stale: submissions or boards have changed since, or it is none of this run. Look at "
+    "the newest preview, and apply that one."
 )
 
 

@@ -36,12 +36,12 @@ def add_confirmation(session: Session, given: Confirmation, actor: str) -> Confi
     find_split(session, given.split.name, given.split.revision)
     protocol = find_row(session, ProtocolRow, "protocol", given.protocol)
     if not is_signed(given):
-        raise InvalidRecord("The signature does not fit this split, protocol and key.")
+        raise InvalidRecord("The signature does not match this split, protocol and key.")
     known = session.get(ConfirmationRow, given.id)
     if known is not None and known.withdrawn_at is not None:
         raise Conflict(
-            "This confirmation was withdrawn, and a key that took one back never counts for the same "
-            "split revision and protocol again: sign with another key, which the operator names."
+            "This confirmation was withdrawn, so its key never counts again for the same split "
+            "revision and protocol: sign with another key that the operator has named."
         )
     if known is not None:
         return known

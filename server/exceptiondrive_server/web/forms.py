@@ -118,8 +118,8 @@ def read_form(
         raise InvalidRecord(" ".join(faults))
     if changed_twice:
         raise Conflict(
-            f"Changed since this page was shown: {'; '.join(changed_twice)}. What you typed still "
-            "stands below; send it again to have it so."
+            f"Changed since this page was shown: {'; '.join(changed_twice)}. What you typed is "
+            "still below; send it again to replace that."
         )
     return values
 
