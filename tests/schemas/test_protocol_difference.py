@@ -133,7 +133,7 @@ def test_other_waypoints_are_remarked_since_no_accepted_file_has_them() -> None:
 
 def test_changes_that_still_say_what_they_said_are_remarked() -> None:
     told = difference("d_safe_m = 2.0", "d_safe_m = 2.5").remark
-    assert told == "what `changes` tells readers is what it told in 1.0"
+    assert told == "`changes` still says what it said in 1.0"
     assert difference('changes = "First', 'changes = "Not the first').remark is None
 
 

@@ -156,7 +156,7 @@ def test_a_phase_is_made_and_a_deadline_is_moved(
     form |= {"protocol": "1.0", "closes_at": "2099-11-21T12:00", "anonymous": "yes"}
     wrong = organizer.send(new, {**form, "quota_per_day": "0", "opens_at": "soon"})
     assert wrong.status_code == 400
-    for words in ("Submissions a day: must be", "Opens at: must be", 'value="2099-11-21T12:00"'):
+    for words in ("Submissions per day: must be", "Opens at: must be", 'value="2099-11-21T12:00"'):
         assert words in wrong.text
     made = organizer.send(new, form)
     assert made.status_code == 303, re.findall(r"Refused.*", made.text)

@@ -84,7 +84,7 @@ def create_run(
     Raises:
         NotFound: No such phase, protocol or split revision.
         InvalidRecord: Nothing would change, the reason is empty, or accepted files could not be
-            scored under what is to come.
+            scored under the new protocol or revision.
         Conflict: Another run of the phase is open.
     """
     phase = lock_phase(session, phase_id)
@@ -315,7 +315,7 @@ def _target_key(
     return target
 
 
-# Whether the files that a phase has accepted can be scored under what is to come.
+# Whether the files that a phase has accepted can be scored under the new protocol or revision.
 #
 # What cannot be is refused when a run is drafted: else its sheets would all fail, or be made of fewer
 # waypoints than those of fresh submissions. Tasks that the protocol no longer has are the worker's to

@@ -24,8 +24,8 @@ PublicNote = Annotated[
 ]
 LIMITS = (
     FormField("closes_at", "Own deadline", "moment", may_be_none=True),
-    FormField("quota_per_day", "Submissions a day", "whole", may_be_none=True),
-    FormField("quota_total", "Submissions in all", "whole", may_be_none=True),
+    FormField("quota_per_day", "Submissions per day", "whole", may_be_none=True),
+    FormField("quota_total", "Submissions in total", "whole", may_be_none=True),
 )
 
 
@@ -123,10 +123,10 @@ def set_allowance(
         str | None, option("--closes-at", "TIME|none", "2027-01-31T00:00:00Z")
     ] = None,
     quota_per_day: Annotated[
-        str | None, option("--quota-per-day", "N|none", "Submissions a day.")
+        str | None, option("--quota-per-day", "N|none", "Submissions per day.")
     ] = None,
     quota_total: Annotated[
-        str | None, option("--quota-total", "N|none", "Submissions in all.")
+        str | None, option("--quota-total", "N|none", "Submissions in total.")
     ] = None,
 ) -> Answer:
     """Set a team's own deadline and quota in a phase; `none` restores what all teams have."""

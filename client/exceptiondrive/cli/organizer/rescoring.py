@@ -227,7 +227,7 @@ def _wait_for_trial(rescoring: Rescoring, run: RunView) -> RunView:
         for n_polls in range(_MAX_POLLS):
             if run.trial is None or run.trial.state != "waiting":
                 return run
-            tell(f"run {run.id}: a worker is to try the split")
+            tell(f"run {run.id}: a worker will try the split")
             if n_polls:
                 time.sleep(_POLL_EVERY_S)
             run = rescoring.run(run.id)
