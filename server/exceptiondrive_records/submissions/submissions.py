@@ -100,7 +100,7 @@ def require_counterpart(
 
 
 def _linked_otherwise(first: Submission) -> Conflict:
-    """Say why the same bytes are refused with another link: a record is never changed behind its team's back."""
+    """Return why the same bytes are refused with another link: an upload never changes a record silently."""
     link = "without a link" if first.linked_to is None else f"linked to {first.linked_to!r}"
     return Conflict(
         f"The same bytes were submitted before, as {first.id!r}, {link}: that submission stands, no "
@@ -109,7 +109,7 @@ def _linked_otherwise(first: Submission) -> Conflict:
 
 
 def checked_description(text: str) -> str:
-    """Return a description that can be shown.
+    """Return a valid description.
 
     Raises:
         InvalidRecord: It is too long, or cannot be shown.
@@ -120,7 +120,7 @@ def checked_description(text: str) -> str:
 
 
 def checked_facts(facts: MethodFacts) -> MethodFacts | None:
-    """Return facts whose texts can be shown; None where nothing is told.
+    """Return facts with valid texts; None if there are none.
 
     Raises:
         InvalidRecord: A text cannot be shown.
