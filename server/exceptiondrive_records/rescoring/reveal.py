@@ -74,7 +74,7 @@ def reveal_warnings(session: Session, run: RescoringRun) -> tuple[str, ...]:
 
 
 def _same_part(session: Session, run: RescoringRun) -> Iterator[str]:
-    """Refuse with advice, if another revision rather than another part was meant."""
+    """Yield advice, if another revision rather than another part was meant."""
     old, new = splits_of(session, run)
     same = part_revision(session, new.name, new.revision, old.part)
     if same is not None and same != old.revision:
