@@ -1,4 +1,4 @@
-"""The system of record: what is true, whatever process dies when.
+"""The system of record: its state stays correct whichever process dies, and whenever.
 
 Reasons: docs/decisions/0003-sql-is-the-queue.md.
 """

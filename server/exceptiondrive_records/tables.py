@@ -1,4 +1,4 @@
-"""Every table: foreign keys are found by name, so all must be known wherever one is."""
+"""Imports every table: foreign keys are resolved by name, so all tables must be loaded together."""
 
 from exceptiondrive_records.accounts import tables as accounts
 from exceptiondrive_records.audit import tables as audit

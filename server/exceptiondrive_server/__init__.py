@@ -1,1 +1,1 @@
-"""Package."""
+"""The web server: the API and pages of the leaderboard."""

@@ -98,7 +98,7 @@ def test_the_api_page_says_what_each_operation_takes_and_answers(api: "Api") -> 
     assert upload.takes_token
     assert upload.needs_token
     assert upload.status == "200 or 202"
-    assert "than it has they are refused (409)" in " ".join(upload.paragraphs)
+    assert "differ from it, they are refused (409)" in " ".join(upload.paragraphs)
     assert "or in another phase, is refused (409)" in " ".join(upload.paragraphs)
     phases = next(one for one in told if (one.method, one.path) == ("GET", "/api/v1/phases"))
     assert (phases.takes_token, phases.needs_token) == (True, False)

@@ -1,1 +1,1 @@
-"""Who may do what: people, tokens, sessions, sign-in."""
+"""Authentication and authorization: people, tokens, sessions, sign-in."""

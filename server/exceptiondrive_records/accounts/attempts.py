@@ -1,7 +1,7 @@
-"""Attempts to sign in or to register: so many per key and quarter of an hour, exact under parallel ones.
+"""Rate limit of sign-ins and registrations: a number per key and 15 minutes, exact under concurrency.
 
-Counted in the records, as quotas are: every server process sees the same number. The library
-`limits` would bring a second store for one table of three columns.
+Attempts are counted in the database, as quotas are, so that every server process sees the same
+count. The library `limits` would add a second store to replace one table of three columns.
 """
 
 import hashlib
@@ -28,7 +28,7 @@ _AS_IT_IS: Changes = (("n", SignInAttempts.n),)
 
 
 def keys_of(address: str, token_text: str) -> dict[str, int]:
-    """Return under which keys an attempt counts, each with its limit.
+    """Return the keys under which an attempt counts, each with its limit.
 
     Digests: an address is not read at a glance, but found by whoever tries all there are. They go with
     the first sign-in that succeeds after their quarter of an hour.
@@ -41,12 +41,12 @@ def keys_of(address: str, token_text: str) -> dict[str, int]:
 
 
 def start_keys_of(address: str) -> dict[str, int]:
-    """Return under which key the beginning of a sign-in at a provider counts, with its limit."""
+    """Return the key under which starting a sign-in at a provider counts, with its limit."""
     return {_key(f"start {address}"): STARTS_PER_ADDRESS}
 
 
 def registration_keys_of(address: str) -> dict[str, int]:
-    """Return under which key a registration counts, with its limit."""
+    """Return the key under which a registration counts, with its limit."""
     return {_key(f"registration {address}"): REGISTRATIONS_PER_ADDRESS}
 
 
@@ -55,7 +55,7 @@ def _key(name: str) -> str:
 
 
 def count_attempt(session: Session, limits: Mapping[str, int]) -> None:
-    """Count an attempt before it is looked at.
+    """Count an attempt before it is evaluated.
 
     `limits` has the most attempts per window by key.
 
@@ -73,7 +73,7 @@ def count_attempt(session: Session, limits: Mapping[str, int]) -> None:
 
 
 def give_attempt_back(session: Session, limits: Mapping[str, int]) -> None:
-    """Take back what `count_attempt` counted: it succeeded. Earlier failures stay counted."""
+    """Undo `count_attempt` for an attempt that succeeded. Earlier failures stay counted."""
     now = database_now(session)
     session.execute(delete(SignInAttempts).where(SignInAttempts.since <= now - WINDOW))
     session.execute(
@@ -84,7 +84,7 @@ def give_attempt_back(session: Session, limits: Mapping[str, int]) -> None:
 
 
 def _locked_row(session: Session, key: str, now: datetime) -> SignInAttempts:
-    """Return the row of a key, made if it is new, locked until the transaction ends."""
+    """Return the row of a key, created if missing, locked until the transaction ends."""
     locked = upsert(session, SignInAttempts, (), _AS_IT_IS, takes=(), keys=("key",))
     session.execute(locked, {"key": key, "n": 0, "since": now})
     return session.get_one(SignInAttempts, key, populate_existing=True)

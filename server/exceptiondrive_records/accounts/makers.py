@@ -1,7 +1,7 @@
-"""Which token or person made which token, as the audit log knows it.
+"""Which token or person issued each token, according to the audit log.
 
-A token outlives the one that made it: a successor does so on purpose. So whoever ends one is told which
-that it made go on working.
+A token outlives its issuer, as a rotated token must. So whoever revokes a token is shown the tokens
+that it issued and that still work.
 """
 
 from collections.abc import Collection, Iterable, Mapping
@@ -18,7 +18,7 @@ from exceptiondrive_records.teams.tables import Team
 
 
 def makers_of_tokens(session: Session, team_id: int | None = None) -> dict[str, str]:
-    """Return for each token the actor that issued it; for those of one team, if given."""
+    """Return the issuing actor of each token, or of each token of one team."""
     query = (
         select(AuditLine.subject, AuditLine.actor)
         .join(Token, Token.id == AuditLine.subject)
@@ -32,9 +32,9 @@ def makers_of_tokens(session: Session, team_id: int | None = None) -> dict[str, 
 def live_tokens_by_maker(
     session: Session, actors: Iterable[str], team_id: int | None = None
 ) -> dict[str, list[Token]]:
-    """Return for each actor the tokens that work and were made by it, or with a token that it made.
+    """Return, for each actor, the live tokens that it issued, directly or through tokens that it issued.
 
-    Of one team, if given, else of all; newest first.
+    Of one team, or of all; newest first.
     """
     makers, now = makers_of_tokens(session, team_id), database_now(session)
     live = [token for token in list_tokens(session, team_id) if is_live(token, now)]
@@ -42,7 +42,7 @@ def live_tokens_by_maker(
 
 
 def left_behind(session: Session, actor: str, team_id: int | None = None) -> list[Token]:
-    """Return the tokens that work on when one that made them ends, newest first."""
+    """Return the live tokens that remain when their issuing token ends, newest first."""
     return live_tokens_by_maker(session, [actor], team_id)[actor]
 
 
@@ -55,7 +55,7 @@ def _tokens_made_by(actor: str, makers: Mapping[str, str], live: Iterable[Token]
 
 
 def makers_in_words(session: Session, team_id: int, makers: Mapping[str, str]) -> dict[str, str]:
-    """Return who made each token in words for the team: its tokens and its people by name alone."""
+    """Return the issuer of each token in words for its team, which names only its own tokens and people."""
     own = {f"token:{one.id}": f"{one.name} ({one.prefix})" for one in list_tokens(session, team_id)}
     own |= _people(session, team_id, set(makers.values()))
     return {
@@ -64,7 +64,7 @@ def makers_in_words(session: Session, team_id: int, makers: Mapping[str, str]) -
 
 
 def _people(session: Session, team_id: int, actors: Collection[str]) -> dict[str, str]:
-    """Return the names of those who belong to a team, or did."""
+    """Return the names of a team's present and former members."""
     names = {f"person:{person.id}": person.name for person, _ in members_of(session, team_id)}
     if any(actor.startswith("person:") and actor not in names for actor in actors):
         removals = select(AuditLine.detail).where(
@@ -78,5 +78,5 @@ def _people(session: Session, team_id: int, actors: Collection[str]) -> dict[str
 
 
 def _maker_outside_team(actor: str) -> str:
-    """Return who made a token that neither is of the team nor was."""
+    """Describe an issuer who never belonged to the team."""
     return actor if actor == "registration" else "organizers"

@@ -1,4 +1,4 @@
-"""People whom an OpenID provider vouches for, and who of them is an organizer."""
+"""People who sign in through an OpenID provider, and which of them are organizers."""
 
 import hmac
 import secrets
@@ -29,7 +29,7 @@ MAX_SUBJECT = 255
 
 @dataclass(frozen=True)
 class Identity:
-    """Who signed in, as the provider says it."""
+    """Who signed in, according to the provider."""
 
     issuer: str
     subject: str
@@ -38,9 +38,9 @@ class Identity:
 
 
 def welcome_person(session: Session, identity: Identity) -> Person:
-    """Return the person of an identity, made at the first sign-in; name and email are renewed.
+    """Return the person of an identity, created at the first sign-in; update name and email.
 
-    Issuer and subject decide, nothing else: an email address may change hands.
+    Only issuer and subject identify a person: an email address may change hands.
 
     Raises:
         InvalidRecord: The provider's subject cannot be used.
@@ -75,7 +75,7 @@ def welcome_person(session: Session, identity: Identity) -> Person:
 
 
 def list_people(session: Session) -> list[Person]:
-    """Return everybody who signed in through the provider and was not forgotten, by name."""
+    """Return all people who signed in through the provider and were not forgotten, by name."""
     known = select(Person).where(Person.issuer != FORGOTTEN)
     return list(session.scalars(known.order_by(Person.name, Person.id)))
 
@@ -100,7 +100,7 @@ def set_organizer(
     *,
     actor: str,
 ) -> Person:
-    """Make a person an organizer, or no longer; it counts from the next request on.
+    """Make a person an organizer, or revoke that; it takes effect with their next request.
 
     Without a role it is no longer one; without phases the role is for the whole site. With the role
     that they had end the invitations that they made, but those into their own teams; tokens that they
@@ -124,7 +124,7 @@ def set_organizer(
 
 
 def _safe_text(text: str | None, max_length: int) -> str | None:
-    """Return a provider's text if it can be shown safely: a bad name is no reason to refuse."""
+    """Return a provider's text if it is safe to show; a bad name does not refuse the sign-in."""
     if text is None:
         return None
     try:
@@ -213,7 +213,7 @@ def add_member(session: Session, team: Team, person_id: str, *, actor: str) -> N
 
 
 def remove_member(session: Session, team_id: int, person_id: str, *, actor: str) -> None:
-    """Take a person out of a team; it counts from the next request on.
+    """Remove a person from a team; it takes effect with their next request.
 
     What invitations they made end with it: none leads back in.
 
@@ -233,7 +233,7 @@ def remove_member(session: Session, team_id: int, person_id: str, *, actor: str)
 
 
 def removal_of(session: Session, person_id: str) -> tuple[AuditLine, str] | None:
-    """Return the last line of how a person lost a team, and its name; None if they joined one since.
+    """Return the audit line of how a person last lost a team, and its name; None if they joined one since.
 
     They left it, were taken out of it, or its registration was refused. Only lines about teams and the
     person are looked at, by their index: those of submissions are many.
@@ -252,7 +252,7 @@ def removal_of(session: Session, person_id: str) -> tuple[AuditLine, str] | None
 
 
 def open_invitations(session: Session, team_id: int) -> list[Invitation]:
-    """Return the invitations of a team that may still be used, newest first."""
+    """Return the valid invitations of a team, newest first."""
     query = (
         select(Invitation)
         .where(Invitation.team_id == team_id, *_usable_conditions(session))
@@ -316,7 +316,7 @@ def find_invitation(session: Session, text: str, person_id: str | None) -> tuple
 
 
 def accept_invitation(session: Session, text: str, person_id: str, *, actor: str) -> Team:
-    """Let a person join the team of a link; the link works for one of them, once.
+    """Let a person join the team of a link; a link works once.
 
     Who belongs to the team already leaves it for somebody else.
 
@@ -364,7 +364,7 @@ def withdraw_invitation(session: Session, team_id: int, invitation_id: str, *, a
 def withdraw_invitations_of(
     session: Session, made_by: str, *of: ColumnElement[bool], actor: str
 ) -> None:
-    """Make useless what links somebody made who may make none any more: all, or those that are meant."""
+    """Revoke the invitations of somebody who may no longer invite: all, or certain ones."""
     query = select(Invitation).where(
         Invitation.made_by == made_by, *of, *_usable_conditions(session)
     )

@@ -1,6 +1,6 @@
-"""What an organizer may do: a role, for the whole site or for named phases alone.
+"""Organizer roles, either for the whole site or for certain phases only.
 
-Which action asks for which role is decided at the routes (`exceptiondrive_server.web.organizer_rights`).
+Which role a route requires is defined in `exceptiondrive_server.web.organizer_rights`.
 """
 
 from collections.abc import Iterable
@@ -14,14 +14,14 @@ from exceptiondrive_records.phases.tables import Phase
 
 
 class OrganizerRole(StrEnum):
-    """From the least to the most: each may do what those before it may."""
+    """Ordered by rights: each role includes those before it."""
 
     READ_ONLY = "read-only"
     HELPER = "helper"
     OWNER = "owner"
 
     def includes(self, other: "OrganizerRole") -> bool:
-        """Whether whoever has this role may do what the other one may."""
+        """Whether this role includes the rights of the other one."""
         order = list(OrganizerRole)
         return order.index(self) >= order.index(other)
 

@@ -1,7 +1,7 @@
-"""Signed-in browsers: a random secret in a cookie, its digest here, and whose rights it has.
+"""Browser sessions: the cookie holds a random secret, this table its digest and owner.
 
-A session that was opened with a token may do what the token may, and ends with it. A person's has
-the rights of a member of one team, or of an organizer, as they are at the moment of each request.
+A session opened with a token has the token's rights and ends with it. A person's session has the
+rights of a member of one team, or of an organizer, looked up at each request.
 """
 
 import secrets
@@ -33,7 +33,7 @@ MAX_SIGN_INS_A_DAY = 200
 
 
 def open_token_session(session: Session, principal: Principal) -> str:
-    """Open a session with the rights of a token; its secret is returned here and never again.
+    """Open a session with the rights of a token; its secret is returned only here.
 
     Raises:
         Conflict: The team signed in often enough today, or was refused.
@@ -46,7 +46,7 @@ def open_token_session(session: Session, principal: Principal) -> str:
 
 
 def open_person_session(session: Session, person: Person) -> str:
-    """Open a session of a person; its secret is returned here and never again.
+    """Open a session of a person; its secret is returned only here.
 
     An organizer begins as one; anybody else acts for the first of their teams.
 
@@ -60,7 +60,7 @@ def open_person_session(session: Session, person: Person) -> str:
 
 
 def find_session(session: Session, secret: str) -> Principal | None:
-    """Return who signed in, with the rights of this moment; None when the session has ended.
+    """Return who signed in, with their present rights; None if the session has ended.
 
     The secret has 256 bits and is looked up by its digest, so that no timing tells of it.
     """
@@ -80,7 +80,7 @@ def find_session(session: Session, secret: str) -> Principal | None:
 
 
 def require_unrevoked(session: Session, principal: Principal) -> None:
-    """Refuse who lost, since the request began, the rights that it came with.
+    """Refuse a request whose sender lost the rights that they had when it began.
 
     Raises:
         NotAllowed: The token is revoked or has ended, the person was taken out of the team, or has
@@ -139,7 +139,7 @@ def _open(
     person_id: str | None = None,
     team_id: int | None = None,
 ) -> str:
-    """Add the row, and remove the sessions that have run out."""
+    """Add the row, and remove expired sessions."""
     now = database_now(session)
     session.execute(delete(BrowserSession).where(BrowserSession.expires_at <= now))
     secret = secrets.token_urlsafe(32)

@@ -1,7 +1,7 @@
 """Bearer tokens: `edk_<scope letter>_<8 id>_<32 random>_<6 checksum>`, kept as a digest only.
 
-Prefix and checksum let leak scanners find them without a false alarm (docs/trust.md).
-A slow hash is needless: the random part has 190 bits.
+Prefix and checksum let leak scanners find tokens without false alarms (docs/trust.md).
+No slow hash is needed: the random part has 190 bits.
 """
 
 import hmac
@@ -76,7 +76,7 @@ SCOPES_OF_ROLE: Mapping[OrganizerRole, tuple[Scope, ...]] = {
 
 @dataclass(frozen=True)
 class Principal:
-    """Who a verified token speaks for, or who signed in as a person."""
+    """The authenticated sender of a request: the holder of a token, or a signed-in person."""
 
     token_id: str
     token_name: str
@@ -106,7 +106,7 @@ class Principal:
         return self.role is not None and not self.phases
 
     def organizes(self, phase_id: str | None) -> bool:
-        """Whether its role counts for a phase; None: for what is no single phase's."""
+        """Whether its role applies to a phase; None stands for the whole site."""
         return self.is_organizer or (self.role is not None and phase_id in self.phases)
 
     @property
@@ -127,7 +127,7 @@ def issue_token(
     phases: Iterable[str] = (),
     actor: str,
 ) -> tuple[str, Token]:
-    """Issue a token; its text is returned here and never again.
+    """Issue a token; its text is returned only here.
 
     Raises:
         InvalidRecord: No scope, or an unknown one; the name cannot be used; it would be expired.
@@ -173,7 +173,7 @@ def issue_token(
 
 
 def verify_token(session: Session, text: str) -> Principal | None:
-    """Return who the token speaks for, or None; unknown ids cost the same work as wrong secrets."""
+    """Return the principal of a token, or None; unknown ids cost the same work as wrong secrets."""
     parts = text.split("_")
     token_id = parts[2] if len(parts) == 5 and len(text) < 100 else ""
     row = session.execute(_TOKEN_AND_TEAM, {"token": token_id}).first()
@@ -210,7 +210,7 @@ def _principal(token: Token, team: Team | None, now: datetime) -> Principal:
 
 
 def note_use(database: Database, principal: Principal) -> None:
-    """Note, every ten minutes at most, that the token was used."""
+    """Record the use of a token, at most every ten minutes."""
     if not principal.use_is_stale:
         return
     with database.write() as session:
@@ -259,7 +259,7 @@ def live_tokens_by_team(session: Session) -> dict[int, int]:
 
 
 def names_of_actors(session: Session, actors: Iterable[str]) -> dict[str, str]:
-    """Return who stands behind the actors of audit lines: a token, a person, or a team."""
+    """Return the names behind the actors of audit lines: of tokens, people or teams."""
     given = list(actors)
     ids = {actor.removeprefix(_ACTOR) for actor in given if actor.startswith(_ACTOR)}
     query = select(Token.id, Token.name, Team.name).outerjoin(Team, Team.id == Token.team_id)
@@ -313,7 +313,7 @@ def issue_team_token(
     scopes: tuple[str, ...],
     expires_at: datetime | None = None,
 ) -> tuple[str, Token]:
-    """Issue a token of the asker's team; where no end is wanted, it ends with the asker's own.
+    """Issue a token for the sender's team; by default it expires with the sender's own.
 
     Raises:
         NotAllowed: A scope is wanted that the asker does not hold, or a later end than its own.
@@ -342,9 +342,9 @@ def issue_team_token(
 def rotate_team_token(
     session: Session, principal: Principal, token_id: str, keep_days: int = DEFAULT_KEEP_DAYS
 ) -> tuple[str, Token]:
-    """Issue the successor of a token; the old one works for `keep_days` more.
+    """Issue the successor of a token; the old one stays valid for `keep_days` more.
 
-    The successor has the same name, scopes and length of life, and ends no later than the asker's own.
+    It has the same name, scopes and lifetime, and expires no later than the sender's own.
 
     Raises:
         NotFound: The team has no such token.
@@ -371,7 +371,7 @@ def rotate_team_token(
 
 
 def revoke_team_token(session: Session, principal: Principal, token_id: str) -> Token:
-    """Revoke a token of the asker's team for good, the asker's own included.
+    """Revoke a token of the sender's team for good, even the sender's own.
 
     Raises:
         NotFound: The team has no such token.
@@ -382,12 +382,12 @@ def revoke_team_token(session: Session, principal: Principal, token_id: str) -> 
 
 
 def team_tokens(session: Session, principal: Principal) -> list[Token]:
-    """Return the tokens of the asker's team, newest first."""
+    """Return the tokens of the sender's team, newest first."""
     return [] if principal.team_id is None else list_tokens(session, principal.team_id)
 
 
 def find_team_token(session: Session, principal: Principal, token_id: str) -> Token:
-    """Return a token of the asker's team.
+    """Return a token of the sender's team.
 
     Raises:
         NotFound: There is none, or it is another team's: the answer is the same.

@@ -1,1 +1,1 @@
-"""The append-only log of what was done, by whom and why."""
+"""The append-only audit log: who did what, and why."""

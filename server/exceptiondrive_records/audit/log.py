@@ -1,8 +1,8 @@
-"""The audit chain: each line carries the hash of the one before it.
+"""The audit chain: each line carries the hash of the previous line.
 
-Lines are gathered while a write transaction runs and chained just before it commits, so that the
-head of the chain is locked last and shortly, and never in a circle with other locks. PostgreSQL works the
-hashes out itself, so that nobody has to hear of the head while it is locked.
+A write transaction collects its lines and chains them just before it commits. So the head of the
+chain is locked last, briefly, and never in a cycle with other locks. PostgreSQL computes the hashes
+itself, which saves a round trip while the head is locked.
 """
 
 import hashlib
@@ -73,7 +73,7 @@ def audit(
 def audit_once(
     session: Session, actor: str, action: str, subject: str, detail: Mapping[str, Any]
 ) -> None:
-    """Record what no line says yet: what is asked again and again leaves one line."""
+    """Record an action unless a line of it exists: a repeated one leaves one line."""
     query = select(AuditLine.detail).where(AuditLine.action == action, AuditLine.subject == subject)
     pending: list[_Pending] = session.info.get(_PENDING, [])
     said = [line.detail for line in pending if (line.action, line.subject) == (action, subject)]
@@ -82,7 +82,7 @@ def audit_once(
 
 
 def last_action(session: Session, subject: str, *actions: str) -> str | None:
-    """Return which of these actions was done to the subject last, of the lines that are chained."""
+    """Return the latest of these actions on the subject, among chained lines."""
     query = select(AuditLine.action).where(
         AuditLine.subject == subject, AuditLine.action.in_(actions)
     )
@@ -90,7 +90,7 @@ def last_action(session: Session, subject: str, *actions: str) -> str | None:
 
 
 def lines_of_a_day(session: Session, actions: Collection[str], subjects: Select[str]) -> int:
-    """Count the lines of the last 24 hours that record such actions, done to any of the subjects."""
+    """Count the lines of the last 24 hours with one of these actions on any of the subjects."""
     since = database_now(session) - timedelta(days=1)
     query = select(func.count()).select_from(AuditLine).where(AuditLine.at > since)
     query = query.where(AuditLine.subject.in_(subjects), AuditLine.action.in_(actions))
@@ -98,13 +98,13 @@ def lines_of_a_day(session: Session, actions: Collection[str], subjects: Select[
 
 
 def take_audit_lines(session: Session) -> list[_Pending]:
-    """Return the lines of this transaction, to be chained by `Database.write` before it commits."""
+    """Return the lines of this transaction, which `Database.write` chains before it commits."""
     lines: list[_Pending] = session.info.pop(_PENDING, [])
     return lines
 
 
 def chain_in_sql(driver: "psycopg.Connection[Any]", lines: Sequence[_Pending]) -> None:
-    """Chain lines on PostgreSQL, where one transaction at a time does; nothing is waited for."""
+    """Chain lines on PostgreSQL under a lock of the chain, without waiting for a result."""
     told = [_in_sql(line) for line in lines]
     if told:
         driver.execute(f"SELECT pg_advisory_xact_lock({_CHAIN_LOCK})")
@@ -129,7 +129,7 @@ def _in_sql(line: _Pending) -> dict[str, str]:
 
 
 def chain_audit_lines(session: Session, lines: Sequence[_Pending]) -> None:
-    """Chain lines on SQLite, where one transaction writes at a time."""
+    """Chain lines on SQLite, which has one writer."""
     if not lines:
         return
     last, head = session.execute(_HEAD).first() or (0, GENESIS)
@@ -142,7 +142,7 @@ def chain_audit_lines(session: Session, lines: Sequence[_Pending]) -> None:
 
 
 def line_hash(line: AuditLine) -> str:
-    """Return SHA-256 over the previous hash and everything the line says."""
+    """Return the SHA-256 of the previous hash and the whole content of the line."""
     return _hash_of({name: getattr(line, name) for name in (*_SAID, "previous_hash")})
 
 
@@ -153,7 +153,7 @@ def _hash_of(told: Mapping[str, Any]) -> str:
 
 @dataclass(frozen=True)
 class AuditVerdict:
-    """Whether the chain is whole; if not, the first line that breaks it."""
+    """Whether the chain is intact; if not, the first line that breaks it."""
 
     n_lines: int
     head: str
@@ -170,8 +170,8 @@ class AuditVerdict:
 def verify_audit(session: Session, kept_head: str | None = None) -> AuditVerdict:
     """Recompute the whole chain.
 
-    A `kept_head` is what an earlier verification told: a log that was cut off, or written anew from
-    some line on, is a chain too, but no line of it has this hash.
+    A `kept_head` is the hash from an earlier verification: a log that was truncated, or rewritten from
+    some line on, is a valid chain, too, but none of its lines has this hash.
     """
     head = GENESIS
     number = 0
@@ -187,7 +187,7 @@ def verify_audit(session: Session, kept_head: str | None = None) -> AuditVerdict
 
 
 def _follows(line: AuditLine, number: int, head: str) -> bool:
-    """Whether a line comes right after the one with this number and hash."""
+    """Whether a line directly follows the one with this number and hash."""
     return line.id == number + 1 and line.previous_hash == head
 
 
@@ -203,7 +203,7 @@ def audit_page(
 ) -> list[AuditLine]:
     """Return lines, newest first.
 
-    What is given narrows them; an `action` is such as `phase changed`.
+    Arguments filter them; an `action` is, for example, `phase changed`.
     """
     query = select(AuditLine).order_by(AuditLine.id.desc()).limit(limit)
     if before is not None:
@@ -217,5 +217,5 @@ def audit_page(
 
 
 def audit_actions(session: Session) -> list[str]:
-    """Return every action that any line records, in the order of the alphabet."""
+    """Return all actions in the log, sorted."""
     return sorted(session.scalars(select(AuditLine.action).distinct()))

@@ -19,9 +19,9 @@ def best_run(
 ) -> str | None:
     """Return the submission that ranks best by its published sheet; of equal ones the newest.
 
-    A run that takes no rank comes after all that do. Sheets are those of the samples that count
-    until the reveal: on a private part the best of many runs would be picked after the fact, and
-    tell more of it than one entry does. The runs come oldest first.
+    Runs without a rank come after all that have one. Scores are those of the samples that count until
+    the reveal: on a private part, picking the best of many runs after the fact would reveal more of it
+    than one entry does. Runs are given oldest first.
 
     Returns:
         None where no run has such a sheet.
@@ -38,7 +38,7 @@ def best_run(
 
 
 def _live_revision(session: Session, phase: Phase, revision: str) -> str:
-    """Return the revision whose sheets teams saw: of a reveal, that of the live board before it."""
+    """Return the revision whose sheets teams saw: after a reveal, that of the live board before it."""
     live = live_revision(session, phase.split_name, revision, phase.policy.live_part)
     if live == revision:
         return live
@@ -48,7 +48,7 @@ def _live_revision(session: Session, phase: Phase, revision: str) -> str:
 
 
 def _worth(sheet: ScoreSheet, protocol: ProtocolDocument) -> tuple[bool, list[tuple[bool, float]]]:
-    """What decides: whether it takes a rank, then the metrics that rank, undefined ones last."""
+    """The sort key: whether it is ranked, then the metrics that rank, undefined ones last."""
     values = sheet.average(protocol.grading.headline)
     flags = {flag.code for flag in sheet.plausibility.flags}
     shares = (sheet.coverage.edited, sheet.coverage.source)

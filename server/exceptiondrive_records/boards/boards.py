@@ -75,7 +75,7 @@ def publish_board(
 
 
 def _kept_back(phase: Phase, request: BoardRequest, now: datetime) -> str:
-    """Say why readers do not see a board as soon as it is built; nothing where they do."""
+    """Return why a new board is not shown at once; empty if it is."""
     shown = (phase.protocol_digest, phase.split_revision)
     if shown != (request.protocol_digest, request.split_revision):
         return _A_DRAFT
@@ -98,7 +98,7 @@ def flip_board(
 ) -> BoardFlip | None:
     """Point the phase at a board; the caller holds the lock of the phase.
 
-    Readers see it from `at` on, by default from now.
+    Readers see it from `at`, by default now.
 
     Returns:
         The flip; None when the phase showed this board already.
@@ -116,7 +116,7 @@ def flip_board(
 
 
 class _Stood(NamedTuple):
-    """What news tell of an entry; `value` is of the first metric of the challenge."""
+    """What news report of an entry; `value` is that of the challenge's first metric."""
 
     method: str
     team: str
@@ -156,7 +156,7 @@ def _news_of(was: _Standings, now: _Standings) -> BoardNews:
 
 
 def _runs_before(was: _Standings, now: _Standings) -> dict[str, str]:
-    """Return whose place each newcomer took: that of a run of the same method of its team, which left."""
+    """Return the entry that each new one replaced: a run of the same team and method that left."""
     left = {(stood.team, stood.method): name for name, stood in was.items() if name not in now}
     return {
         name: left[stood.team, stood.method]
@@ -168,9 +168,9 @@ def _runs_before(was: _Standings, now: _Standings) -> dict[str, str]:
 def news_between(
     challenge: str, old: BoardRow, row: BoardRow, *, with_aliases: bool = True
 ) -> BoardNews:
-    """Say whose scores are new; between protocols or split revisions, nothing can be compared.
+    """List new scores; boards of different protocols or split revisions cannot be compared.
 
-    Little of the boards is read: locks are held meanwhile.
+    Reads little of the boards, as locks are held meanwhile.
     """
     if (old.protocol_digest, old.split_revision) != (row.protocol_digest, row.split_revision):
         return BoardNews()
@@ -204,12 +204,12 @@ def board_at(session: Session, phase_id: str, as_of: datetime) -> BoardRow | Non
 
 
 def latest_public_board(session: Session, phase_id: str, protocol_digest: str) -> BoardRow | None:
-    """Return the board of a phase under a protocol that readers saw last, also after a rollback."""
+    """Return the board of a phase under a protocol that was shown last, also after a rollback."""
     return _last_shown(session, phase_id, BoardRow.protocol_digest == protocol_digest)
 
 
 def last_shown_of_part(session: Session, phase: Phase, part: SplitPart | None) -> BoardRow | None:
-    """Return the board that readers saw last of those that count a part of the split; of None, all of it."""
+    """Return the board shown last among those that count a part of the split (None: the whole split)."""
     is_part = SplitRow.name == phase.split_name, SplitRow.part.is_not_distinct_from(part)
     revisions = select(SplitRow.revision).where(*is_part)
     return _last_shown(session, phase.id, BoardRow.split_revision.in_(revisions))
@@ -227,7 +227,7 @@ def _last_shown(session: Session, phase_id: str, which: ColumnElement[bool]) -> 
 
 
 def late_board(session: Session, phase_id: str) -> BoardRow | None:
-    """Return the board of the late view; None while nothing came late."""
+    """Return the board of the late view; None while there are no late submissions."""
     query = select(BoardRow).join(Phase, Phase.late_board_id == BoardRow.id)
     return session.scalars(query.where(Phase.id == phase_id)).first()
 
@@ -243,7 +243,7 @@ def latest_board(
 
 
 def last_flip_at(session: Session, phase_id: str) -> datetime | None:
-    """Return since when a phase shows its current board."""
+    """Return when a phase's current board was first shown."""
     return session.scalar(select(func.max(BoardFlip.at)).where(BoardFlip.phase_id == phase_id))
 
 
@@ -283,13 +283,13 @@ def _read(row: BoardRow) -> Board:
 
 
 def _aliases_on(row: BoardRow) -> dict[str, str]:
-    """The names under which submissions of forgotten teams stand on a board."""
+    """The aliases of forgotten teams' submissions on a board."""
     lines = row.forgotten.split("\n") if row.forgotten else []
     return dict(line.split(" ", 1) for line in lines)
 
 
 def _under_aliases(board: Board, aliases: Mapping[str, str]) -> Board:
-    """Name the alias where a forgotten team stands; a pseudonym stays, which tells nothing of it."""
+    """Replace the names of forgotten teams by their aliases; pseudonyms stay, as they reveal nothing."""
     wordless = {"description": "", "links": Links()}
     named = (under_alias(entry, aliases) for entry in board.entries)
     entries = (
@@ -311,14 +311,14 @@ def served_body(row: BoardRow) -> str:
 
 
 def is_told_as_recorded(row: BoardRow) -> bool:
-    """Whether readers get the bytes that were recorded, whose digest is `body_digest`."""
+    """Whether readers get exactly the recorded bytes, whose digest is `body_digest`."""
     return row.told_at == row.published_at and row.forgotten is None
 
 
 def boards_with(
     session: Session, submission_id: str, board_ids: Iterable[int | None]
 ) -> list[BoardRow]:
-    """Return those of the boards named on which a submission stands, in the order of the names."""
+    """Return those of the named boards that list a submission, in the given order."""
     wanted = [board_id for board_id in board_ids if board_id is not None]
     query = (
         select(BoardRow)
@@ -329,7 +329,7 @@ def boards_with(
 
 
 def entry_ids(session: Session, board_id: int) -> set[str]:
-    """Return the submissions that stand on a board."""
+    """Return the submissions on a board."""
     query = select(BoardEntryRow.submission_id).where(BoardEntryRow.board_id == board_id)
     return set(session.scalars(query))
 
@@ -389,7 +389,7 @@ def boards_by_protocol(
 
 
 def boards_of_flip(session: Session, flip_id: int) -> tuple[BoardRow, BoardRow]:
-    """Return the board that a phase showed before an update was applied or taken back, and the one after."""
+    """Return the boards that a phase showed before and after an update was applied or rolled back."""
     phase_id = session.get_one(BoardFlip, flip_id).phase_id
     earlier = select(func.max(BoardFlip.id)).where(
         BoardFlip.phase_id == phase_id, BoardFlip.id < flip_id
@@ -412,7 +412,7 @@ def _leader_of(board: Board) -> BoardLeader | None:
 
 
 class Lead(NamedTuple):
-    """From when a board was shown, under which protocol and of which samples it is and who leads it."""
+    """When a board was first shown, its protocol, its samples, and who leads it."""
 
     at: datetime
     number: int
@@ -428,7 +428,7 @@ def is_what_counts() -> ColumnElement[bool]:
 
 
 def leads(session: Session, phase_id: str) -> list[Lead]:
-    """Return who led a phase since when, oldest first; no board is read for that."""
+    """Return the leaders of a phase over time, oldest first, without reading any board."""
     query = (
         select(
             BoardFlip.at,
@@ -453,7 +453,7 @@ def leads(session: Session, phase_id: str) -> list[Lead]:
 
 
 def aliases_in(session: Session, phase_id: str) -> dict[str, str]:
-    """The names under which submissions of forgotten teams stand."""
+    """The aliases of forgotten teams' submissions."""
     query = (
         select(Submission.id, Team.name)
         .join(Team, Team.id == Submission.team_id)
@@ -463,13 +463,13 @@ def aliases_in(session: Session, phase_id: str) -> dict[str, str]:
 
 
 def under_alias(named: _Named, aliases: Mapping[str, str]) -> _Named:
-    """Name the alias where a forgotten team is named, unless it stood there under a pseudonym."""
+    """Return the alias of a forgotten team, unless the board shows a pseudonym."""
     alias = None if is_pseudonym(named.team) else aliases.get(named.submission_id or "")
     return named if alias is None else named.model_copy(update={"team": alias})
 
 
 def was_shown() -> ColumnElement[bool]:
-    """Condition on `BoardRow`: a phase pointed at it once. Drafts are for organizers alone."""
+    """Condition on `BoardRow`: a phase once pointed at it. Only organizers see drafts."""
     return exists().where(BoardFlip.board_id == BoardRow.id)
 
 

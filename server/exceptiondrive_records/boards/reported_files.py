@@ -1,4 +1,4 @@
-"""Tables of other boards, read as rows: CSV, such as our own export."""
+"""Parse the table of an external board from CSV, such as our own export."""
 
 import math
 import re

@@ -1,4 +1,4 @@
-"""Tables as CSV that organizers hand in, however their spreadsheet wrote them."""
+"""Read CSV tables from organizers in any of the dialects that spreadsheets write."""
 
 import csv
 import io
@@ -13,10 +13,10 @@ _SEPARATORS = ",;\t"
 
 
 def named_rows(text: str, *, most: int) -> list[tuple[int, dict[str, str]]]:
-    """Return the rows below the first one: the line on which each begins, and its values by column.
+    """Return the rows below the header: the line on which each begins, and its values by column.
 
-    Values are separated by commas, semicolons or tabs, as the first line tells; of names of columns
-    the case does not count.
+    The header decides whether commas, semicolons or tabs separate values; column names are
+    case-insensitive.
 
     Raises:
         InvalidRecord: It is no table, a column is named twice, or there is no row or more than so many.
@@ -34,7 +34,7 @@ def named_rows(text: str, *, most: int) -> list[tuple[int, dict[str, str]]]:
 
 
 def _rows(text: str) -> list[tuple[int, list[str]]]:
-    """All that hold something. Empty cells at the end of the first one are no columns, nor are those below them."""
+    """Non-empty rows. Empty cells at the end of the header are no columns, nor are the cells below them."""
     text = text.removeprefix("\ufeff")
     head = text.lstrip("\r\n").split("\n", 1)[0]
     separator = max(_SEPARATORS, key=head.count)
@@ -62,7 +62,7 @@ def _rows(text: str) -> list[tuple[int, list[str]]]:
 
 
 def faults_text(faults: Iterable[tuple[int, str]]) -> str:
-    """Say what is wrong on which lines, each sentence once: `Line 2, Line 5: ...`."""
+    """Join faults of lines into one text, each sentence once: `Line 2, Line 5: ...`."""
     lines: dict[str, list[str]] = {}
     for number, words in faults:
         lines.setdefault(words, []).append(f"Line {number}")

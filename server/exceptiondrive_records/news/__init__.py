@@ -1,1 +1,1 @@
-"""What organizers announce, and what teams ask them."""
+"""Announcements by organizers, and questions from teams."""

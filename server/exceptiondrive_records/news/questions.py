@@ -1,4 +1,4 @@
-"""Questions of teams: answered to the team alone, or to everybody without its name."""
+"""Questions from teams, answered privately, or publicly without the team's name."""
 
 import re
 
@@ -121,7 +121,7 @@ def answer_question(
 
 
 def _as_words(line: str) -> str:
-    """Escape Markdown: no link, heading or definition of a question changes what the answer says."""
+    """Escape Markdown, so that no link, heading or definition in a question alters the answer."""
     return _NUMBER.sub(r"\1\\\2", _MARKS.sub(r"\\\g<0>", line.strip()))
 
 

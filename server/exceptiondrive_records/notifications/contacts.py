@@ -1,4 +1,4 @@
-"""Where a team wants to be told besides its inbox."""
+"""A team's addresses for notifications, in addition to its inbox."""
 
 import re
 import secrets

@@ -1,6 +1,6 @@
-"""What goes on between protocol updates, told to teams that subscribe: scored, failed, overtaken, ends.
+"""Notify subscribed teams of events: scored, failed, overtaken, phase ends soon.
 
-The reconciler polls now and then. Nothing is told twice: each message has a subject that is unique.
+The reconciler polls for them. Nothing is sent twice: each message has a unique subject.
 """
 
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""The inbox of a team, filled in the very transaction that changes its published numbers."""
+"""A team's inbox, filled in the same transaction that changes its published numbers."""
 
 from collections import defaultdict
 from collections.abc import Iterable, Sequence

@@ -1,4 +1,4 @@
-"""The outbox: what waits to be sent, each message claimed by one sender and tried for an hour."""
+"""The outbox: pending messages, each claimed by one sender and retried for an hour."""
 
 import threading
 from functools import cache

@@ -1,4 +1,4 @@
-"""Whether an IP address is one of the public internet, and none of our own network."""
+"""Whether an IP address is on the public internet rather than in our own network."""
 
 import ipaddress
 

@@ -1,1 +1,1 @@
-"""Keeping the system in order: checks, backups, the overview."""
+"""Operating the system: checks, backups, the overview."""

@@ -1,7 +1,7 @@
 """All rows of all tables as portable JSON lines: from SQLite to PostgreSQL and back, bit for bit.
 
-Documents keep their exact text. What describes running processes only (signs of life, leadership)
-is left out: it means nothing elsewhere.
+Documents keep their exact text. Tables about running processes only (heartbeats, leadership) are
+left out: they mean nothing on another system.
 """
 
 import json

@@ -1,13 +1,13 @@
-"""Garbage: stored files that no record mentions, left by refused uploads, unasked words and crashes.
+"""Garbage collection of stored files that no record mentions.
 
-What a refused upload left goes at once, what a crash left when it is old, what its team did not
-confirm once the time for that has passed. The hard case is an upload
-of the same bytes at the same moment: it finds the file stored, and its record is not written yet.
-`file_store.is_kept` proves inside the transaction of the upload that the file is there, or has it
-stored again, under a lock that no removal can hold meanwhile; and storing a file makes it young.
+A refused upload's file is removed at once, an unconfirmed upload's when its time has passed, and a
+crash's when it is old. The hard case is a concurrent upload of the same bytes: it finds the file
+stored before its own record is written. Inside the upload's transaction, `file_store.is_kept` makes
+sure that the file is there, or stores it again, under a lock that excludes removal; storing a file
+also renews its age.
 
-Beside a database that is older than the uploads, or empty, they look like garbage, too. So more than a
-crash leaves is removed by an operator's command alone.
+Beside a database that is empty or older than the uploads, all of these look like garbage, too. So
+only an operator's command removes more than a crash could leave.
 """
 
 import math

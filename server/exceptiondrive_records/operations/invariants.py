@@ -1,7 +1,7 @@
-"""What must hold of records and files at any moment, however often processes died.
+"""Invariants of records and files, which hold at any moment, however often processes died.
 
-Reads only; changes nothing. `exceptiondrive-server verify` and `restore` report what it finds, and
-the fault suite asks it after every fault (docs/faults.md).
+Read-only. `exceptiondrive-server verify` and `restore` report violations, and the fault suite checks
+them after every fault (docs/faults.md).
 """
 
 from bisect import bisect_left

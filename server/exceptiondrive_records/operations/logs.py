@@ -1,6 +1,6 @@
-"""Structured logs of servers, workers and reconcilers: one JSON object a line, or words on a terminal.
+"""Structured logs of servers, workers and reconcilers: one JSON object a line, or text on a terminal.
 
-Of an error the kind and the places are logged, never its words: they may quote what somebody sent.
+An error is logged by type and location, never by its message, which may quote what somebody sent.
 """
 
 import io

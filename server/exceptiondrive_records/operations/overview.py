@@ -1,4 +1,4 @@
-"""What waits for an organizer: teams, failures, runs, and whether scoring keeps up."""
+"""What needs an organizer's attention: teams, failures, runs, and whether scoring keeps up."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,7 @@
-"""The reconciler: whatever was lost, frozen or forgotten is set right, one pass a second.
+"""The reconciler: once a second, it repairs whatever a crash or a lost message left undone.
 
-One leader at a time wakes the lanes that have something to do, gives up jobs without attempts
-left, and brings rescoring runs on. It decides nothing that a claim does not check again.
+One leader at a time wakes the lanes that have work, gives up jobs without attempts left, and advances
+rescoring runs. Whatever it decides, a claim checks again.
 """
 
 import math

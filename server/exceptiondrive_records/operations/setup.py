@@ -1,4 +1,4 @@
-"""From nothing, or from an older version, to records that can be worked with; and only such are opened."""
+"""Create or migrate the records, and refuse to open any whose schema does not fit."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -1,4 +1,4 @@
-"""What holds for the whole site: the links of every page, and what is being made at the start."""
+"""Site-wide settings: the links on every page, and the progress of the sample's making at the start."""
 
 import re
 from datetime import timedelta

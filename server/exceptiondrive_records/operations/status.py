@@ -1,4 +1,4 @@
-"""Whether scoring keeps up, as everybody may know it: counts and times, of no team and no phase."""
+"""Public status of scoring: counts and times, without any team or phase."""
 
 from collections import defaultdict
 from datetime import date, datetime, timedelta

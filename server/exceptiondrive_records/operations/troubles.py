@@ -1,6 +1,6 @@
-"""What stands wrongly and no error says: told at once by the overview, the doctor and the metrics.
+"""Problems that raise no error: the overview, the doctor and the metrics report them.
 
-Each is found by few queries; none tells anything of a split but its name and revision.
+Each takes few queries to find, and reveals nothing of a split but its name and revision.
 """
 
 from collections.abc import Iterator, Sequence

@@ -1,7 +1,7 @@
-"""What the audit log must tell of the records: who changed what decides boards, and to what.
+"""Find changes that bypassed the audit log, in rows that decide boards.
 
-The server's database role may change these rows, and may write lines; what it changes without a line
-is found here. `violations` asks all of it.
+The server's database role may change these rows, and may write audit lines. A change without its
+line is found here; `violations` runs all of these checks.
 """
 
 from collections.abc import Iterator

@@ -1,1 +1,1 @@
-"""What organizers do with teams in a season: conduct, own limits, terms, messages, names."""
+"""Managing teams during a season: disqualification, allowances, terms, messages, names."""

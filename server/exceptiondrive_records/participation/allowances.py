@@ -1,4 +1,4 @@
-"""A later deadline or another quota for one team in a phase: granted, changed, taken back."""
+"""Grant, change or revoke a later deadline or another quota for one team in a phase."""
 
 from collections.abc import Mapping
 from datetime import datetime

@@ -1,4 +1,4 @@
-"""What organizers change of a team: that it may submit, its name and affiliation, or that two teams are one."""
+"""Changes of a team by organizers: approve, rename, change its affiliation, merge two teams."""
 
 from itertools import product
 

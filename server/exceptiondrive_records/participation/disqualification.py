@@ -1,7 +1,7 @@
 """Disqualify a team or one of its submissions, and reinstate it.
 
-No board is altered: a new one leaves the entries out, the old ones keep what they showed. While a
-board is frozen readers see that at the reveal.
+No board is altered: a new one leaves the entries out, old ones keep what they showed. While a board
+is frozen, readers see this only at the reveal.
 """
 
 from collections.abc import Mapping, Sequence

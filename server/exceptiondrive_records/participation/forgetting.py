@@ -1,8 +1,8 @@
-"""Forget a team or a person: people, addresses and words go; an alias stands for a team that was named.
+"""Forget a team or a person: people, addresses and texts are deleted, a team's name becomes an alias.
 
-Bytes and digests of boards stay in the table that nothing may alter. The alias is put in when they
-are read (`boards.parsed_board`); the digest of what the board says is the one it always had. So it is
-with what an applied run compared.
+Bytes and digests of boards stay in their immutable table. The alias is inserted when a board is read
+(`boards.parsed_board`), and its digest stays the original one. The same holds for the comparison of
+an applied run.
 """
 
 from sqlalchemy import case, delete, exists, func, select, update

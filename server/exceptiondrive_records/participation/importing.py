@@ -1,4 +1,4 @@
-"""Many teams at once, from a table as CSV: all of them, or none."""
+"""Import many teams from a CSV table: all of them, or none."""
 
 import csv
 import io

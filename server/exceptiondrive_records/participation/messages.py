@@ -1,4 +1,4 @@
-"""What organizers write to teams: into the inbox, and to every confirmed address of each team."""
+"""Messages from organizers to teams: to the inbox and every confirmed address of each team."""
 
 from collections.abc import Sequence
 from typing import NamedTuple

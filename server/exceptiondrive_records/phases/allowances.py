@@ -1,4 +1,4 @@
-"""When a phase takes submissions of one team: one may have been granted a later deadline."""
+"""When a phase accepts a team's submissions, which a granted later deadline may extend."""
 
 from datetime import datetime
 

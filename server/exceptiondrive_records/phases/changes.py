@@ -1,4 +1,4 @@
-"""What organizers change in a phase that is there: settings, place, freeze, names, its end."""
+"""Changes of an existing phase by organizers: settings, order, freeze, team names, its end."""
 
 from datetime import datetime
 from typing import Any

@@ -1,4 +1,4 @@
-"""Who is disqualified: asked before an upload is taken, and whenever a board is made."""
+"""Who is disqualified, as checked before an upload is accepted and whenever a board is built."""
 
 from collections.abc import Sequence
 from datetime import datetime

@@ -1,4 +1,4 @@
-"""What a team may still submit: submissions per UTC day and in total; what brought no score is capped."""
+"""What a team may still submit, per UTC day and in total; submissions without a score are capped."""
 
 from datetime import datetime
 from functools import cache
@@ -76,7 +76,7 @@ def _used_and_granted() -> Select[Any]:
 
 
 def require_quota(quota: Quota, *, is_sound: bool) -> None:
-    """Refuse one submission more than allowed; who accepts one has read the quota under the team's lock.
+    """Refuse a submission beyond the quota; when one is accepted, the quota was read under the team's lock.
 
     A sound file will not be rejected.
 

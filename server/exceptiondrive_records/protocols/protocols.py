@@ -56,7 +56,7 @@ def add_protocol(session: Session, toml: str, actor: str) -> ProtocolDocument:
 def delete_protocol(
     session: Session, version_or_digest: str, *, reason: str, actor: str
 ) -> ProtocolDocument:
-    """Delete a protocol that nothing was ever made of; its version may be taken again.
+    """Delete a protocol that was never used; its version may be reused.
 
     Raises:
         NotFound: There is none.
@@ -82,7 +82,7 @@ def delete_protocol(
 
 
 def protocol_users(session: Session) -> dict[str, list[str]]:
-    """Return what names each protocol, in words: phases, rescoring runs, and withheld splits opened under it."""
+    """Return the users of each protocol, in words: phases, runs, and withheld splits opened under it."""
     phases = session.execute(select(Phase.protocol_digest, Phase.id))
     sides = RescoringRun.from_protocol_digest, RescoringRun.to_protocol_digest
     runs = [row for side in sides for row in session.execute(select(side, RescoringRun.id))]
@@ -97,7 +97,7 @@ def protocol_users(session: Session) -> dict[str, list[str]]:
 
 
 def checked_protocol(session: Session, toml: str) -> ProtocolDocument:
-    """Return a protocol document that could be added, or is there already.
+    """Return a valid protocol document, which can be added or is already there.
 
     Raises:
         InvalidRecord: Not a valid protocol document, or one that nobody can mean.

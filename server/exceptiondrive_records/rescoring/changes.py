@@ -1,4 +1,4 @@
-"""The states of a rescoring run; each step has an actor and a reason, and leaves an audit line."""
+"""The states of a rescoring run; each step has an actor and a reason, and writes an audit line."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -174,7 +174,7 @@ def _new_run(
 
 
 def start_run(session: Session, run_id: str, *, reason: str, actor: str) -> RescoringRun:
-    """Begin to score in the background; the reconciler fans out.
+    """Start scoring in the background; the reconciler creates the jobs.
 
     Raises:
         Conflict: It is no draft, or a worker found that the split cannot be scored under it.
@@ -188,14 +188,14 @@ def start_run(session: Session, run_id: str, *, reason: str, actor: str) -> Resc
 
 
 def pause_run(session: Session, run_id: str, *, reason: str, actor: str) -> RescoringRun:
-    """Let no further job of the run begin."""
+    """Pause a run: no further job of it begins."""
     run = move_run(session, run_id, RunAction.PAUSE, reason, actor)
     hold_jobs(session, run)
     return run
 
 
 def resume_run(session: Session, run_id: str, *, reason: str, actor: str) -> RescoringRun:
-    """Go on with a paused run, and try failed sheets again, in any state that has some."""
+    """Resume a paused run, and retry failed sheets, in any state that has some."""
     run = move_run(session, run_id, RunAction.RESUME, reason, actor)
     run.resumed_at = run.state_at
     release_jobs(session, run)
@@ -206,7 +206,7 @@ def resume_run(session: Session, run_id: str, *, reason: str, actor: str) -> Res
 
 
 def cancel_run(session: Session, run_id: str, *, reason: str, actor: str) -> RescoringRun:
-    """End a run that was not applied; sheets that were made stay, and need not be made again."""
+    """Cancel a run that was not applied; its finished sheets are kept for reuse."""
     run = move_run(session, run_id, RunAction.CANCEL, reason, actor)
     if run.kind is RunKind.VERIFICATION:
         cancel(session, Recheck, run.state_at, Recheck.run_id == run.id)
@@ -232,7 +232,7 @@ def move_run(
     *,
     no_longer_ranked: Mapping[str, str] = {},
 ) -> RescoringRun:
-    """Move a run to another state and say so in the audit log.
+    """Move a run to another state and write an audit line.
 
     `no_longer_ranked` tells of the submissions that lose their rank by it, and why.
 

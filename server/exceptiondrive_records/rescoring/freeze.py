@@ -1,4 +1,4 @@
-"""The end of a freeze, and of what a reveal ends; teams are told of both."""
+"""End a freeze, and whatever else ends with a reveal; teams are notified of both."""
 
 from collections.abc import Iterable
 from datetime import datetime
@@ -22,7 +22,7 @@ from exceptiondrive_records.teams.teams import teams_that_read
 
 
 def end_freeze(session: Session, phase: Phase, now: datetime, *, reason: str, actor: str) -> None:
-    """Let boards of a frozen phase be shown again, and tell its teams of scores that were kept back.
+    """End the freeze of a phase's boards, and notify its teams of scores that were kept back.
 
     The audit log names the board that readers saw in the place of a newer one, built or to be built.
     """

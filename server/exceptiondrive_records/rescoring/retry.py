@@ -1,4 +1,4 @@
-"""A second chance from organizers: for what failed by our own fault, and for what was withdrawn."""
+"""Retry submissions that failed through our own fault, and restore withdrawn ones."""
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session
@@ -68,7 +68,7 @@ def retry_submission(
 def restore_submission(
     session: Session, submission_id: str, *, actor: str, reason: str
 ) -> Submission:
-    """Let a withdrawn submission stand again, at its old place in time; no quota is touched.
+    """Restore a withdrawn submission, with its original time; the quota is unchanged.
 
     Its sheets were kept: it is scored only where none is there under what the phase shows now.
 

@@ -1,4 +1,4 @@
-"""Rescoring runs, as they are found; what moves them is in `changes`."""
+"""Queries for rescoring runs; `changes` moves them from state to state."""
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session

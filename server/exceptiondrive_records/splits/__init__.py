@@ -1,1 +1,1 @@
-"""What may be known of the splits."""
+"""What the server may know about splits."""

@@ -1,6 +1,6 @@
-"""What a team says of its submissions, changed at any time: name, words, links, facts.
+"""A team's description of its submissions, editable at any time: name, text, links, facts.
 
-No board is altered: a new one says the new name, and facts are joined to a board when it is read.
+No board is altered: a new one shows the new name, and facts are joined to a board when it is read.
 """
 
 from collections.abc import Iterable
@@ -147,7 +147,7 @@ def _require_edits_left(session: Session, team_id: int, now: datetime) -> None:
 
 
 def edits_of(session: Session, submission_id: str) -> tuple[SubmissionEditView, ...]:
-    """Return what was changed of a submission, newest first: for its team and the organizers."""
+    """Return the edits of a submission, newest first, for its team and the organizers."""
     query = select(SubmissionEdit).where(SubmissionEdit.submission_id == submission_id)
     rows = session.scalars(query.order_by(SubmissionEdit.id.desc())).all()
     names = names_of_actors(session, (row.actor for row in rows))
@@ -191,7 +191,7 @@ class EditsOfPhase(NamedTuple):
 
 
 def edits_of_phase(session: Session, phase_id: str) -> EditsOfPhase:
-    """Return what the facts that teams tell are as new as."""
+    """Return a marker that changes with every edit of facts in a phase."""
     query = (
         select(func.max(SubmissionEdit.edited_at), func.count())
         .join(Submission, Submission.id == SubmissionEdit.submission_id)

@@ -1,4 +1,4 @@
-"""The public keys of receipts: recorded when a key signs first, and kept for ever."""
+"""The public keys of receipts, recorded when a key first signs and kept forever."""
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session

@@ -1,1 +1,1 @@
-"""Work to be done: one table, one lease, and how a worker is woken for it."""
+"""The work queue: one table, one lease, and how workers are woken."""

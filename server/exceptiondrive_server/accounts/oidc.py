@@ -1,9 +1,9 @@
 """Sign-in through an OpenID provider: code flow with PKCE, state and nonce, by Authlib.
 
-A flow under way lies in a signed cookie of the browser that began it, for `FLOW_S`. What the
-provider says is believed only in a signed ID token of the expected issuer, for this client, with the
-nonce of this browser's flow. Its keys are fetched again when an unknown one appears, so that it may
-rotate them at any time.
+The state of a flow is kept in a signed cookie of the browser that began it, for `FLOW_S`. Claims are
+trusted only in a signed ID token of the expected issuer, for this client, with the nonce of this
+flow. The provider's keys are fetched again when an unknown one appears, so that it may rotate them
+at any time.
 """
 
 import hashlib

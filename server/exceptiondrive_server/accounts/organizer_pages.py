@@ -1,4 +1,4 @@
-"""People who signed in through the provider, and the organizers' roles that they are given."""
+"""People who signed in through the provider, and the organizer roles granted to them."""
 
 from functools import partial
 from typing import Annotated

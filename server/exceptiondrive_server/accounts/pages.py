@@ -1,6 +1,6 @@
 """Sign in with a team token or through the OpenID provider; sign out.
 
-A token is seen once and never kept by the browser.
+A token is submitted once, and the browser never stores it.
 """
 
 from collections.abc import Mapping

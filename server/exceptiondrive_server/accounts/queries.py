@@ -1,4 +1,4 @@
-"""Tokens as answers show them: never with a secret, save once when they are new."""
+"""Tokens as responses show them: without their secret, except once, when they are issued."""
 
 from collections.abc import Sequence
 from datetime import datetime

@@ -1,6 +1,6 @@
-"""What the site says of its sign-in provider without speaking OpenID: a light module.
+"""What pages say about the sign-in provider, without importing OpenID support.
 
-`oidc` brings cryptography along; only a server that has a provider imports it.
+`oidc` imports cryptography, so only a server with a provider loads it.
 """
 
 CALLBACK = "/sign-in/callback"

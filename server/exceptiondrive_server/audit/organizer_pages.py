@@ -1,4 +1,4 @@
-"""The audit log: paged, filtered, and verified."""
+"""The audit log: pages, filters, verification."""
 
 from datetime import date
 from typing import Annotated, Literal

@@ -1,4 +1,4 @@
-"""The audit log as pages read it: lines with names and words, of one subject or of all."""
+"""Read the audit log for pages: its lines in words, for one subject or for all."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass

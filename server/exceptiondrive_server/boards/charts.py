@@ -1,7 +1,7 @@
 """The charts of a board: two metrics that the challenge names, and the clearance curve.
 
-Labels stand beside their point, never on top of another one; arrows lead from a submission without
-the reminder to the one with it.
+Labels are placed beside their points without overlaps; arrows lead from a submission without the
+reminder to the one with it.
 """
 
 import math

@@ -1,4 +1,4 @@
-"""What a page asks of one board entry: its name in addresses, values, badge, outcome parts."""
+"""Properties of one board entry that pages need: its slug, values, badge, shares of outcomes."""
 
 from collections import Counter
 from dataclasses import dataclass

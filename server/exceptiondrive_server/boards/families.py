@@ -1,4 +1,4 @@
-"""Which hazards are hardest: what the ranked entries reach in each family and task, together and apart."""
+"""Which hazards are hardest: scores of the ranked entries by family and task, each and averaged."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass

@@ -1,6 +1,6 @@
-"""The sentences of the board page: the headline, what changed, whose rows.
+"""The sentences of the board page: the headline, what changed, whose rows they are.
 
-All of them come from the board's numbers.
+All of them are derived from the board's numbers.
 """
 
 from collections.abc import Iterator, Sequence

@@ -1,4 +1,4 @@
-"""Who led a phase since when and with which value, with its changes of protocol and samples."""
+"""Who led a phase over time, and with which score; changes of protocol and samples are marked."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,6 +1,6 @@
-"""The board page as one value: what the records say for a query, and what follows from it.
+"""The board page as one value: the records for a query, and what is derived from them.
 
-What follows from a board and a query alone is made once: boards never change.
+What depends only on a board and a query is computed once, as boards never change.
 """
 
 from collections.abc import Callable, Hashable, Iterator

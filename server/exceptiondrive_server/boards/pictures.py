@@ -1,7 +1,7 @@
-"""The picture of a board that other sites show beside a link (OpenGraph), as 1200 x 630 PNG.
+"""The OpenGraph picture of a board, which other sites show beside a link: 1200 x 630 PNG.
 
-Drawn as SVG by a template, from the same numbers as the page, and painted by resvg, which the client's
-plots use too. It reads no network and no file but the fonts named here.
+A template draws it as SVG from the same numbers as the page, and resvg renders it, as it does the
+client's plots. It reads no network, and no file but the fonts named here.
 """
 
 import hashlib

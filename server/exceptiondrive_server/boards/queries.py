@@ -1,4 +1,4 @@
-"""What is read of phases and boards: the one chooser of boards, and what their pages need besides."""
+"""Queries for phases and boards: the one place that selects a board, and what its pages need besides."""
 
 from collections.abc import Iterator, Sequence
 from datetime import datetime

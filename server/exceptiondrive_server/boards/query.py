@@ -1,7 +1,7 @@
-"""What is asked of boards: one query for page, API, exports, feed, badges and pictures.
+"""The query of a board, the same for page, API, exports, feed, badges and pictures.
 
-All of it stands in the address, and everybody reads it with the same parser: a value that is not
-understood, or a pair that contradicts itself, is refused in the same words everywhere.
+The whole query is in the URL, and one parser reads it for all of them: an unknown value, or two that
+contradict each other, are refused with the same message everywhere.
 """
 
 from collections.abc import Iterable, Mapping

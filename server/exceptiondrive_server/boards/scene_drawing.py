@@ -1,7 +1,7 @@
 """The drawing of what a protocol measures: footprints, collision tube, hazard region, clearance.
 
-All geometry and all grades in it come from the scoring code, as a `ProtocolDrawing` that a worker
-made. Here it is only set: a road, a car, smooth lines and labels.
+All geometry and grades come from the scoring code, as a `ProtocolDrawing` that a worker made. This
+module only lays it out: a road, a car, smooth lines and labels.
 """
 
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Which entries of a board a query asks for, and in which order: one answer for page, API and exports."""
+"""Which entries of a board a query selects, and in which order, for page, API and exports."""
 
 from collections import Counter
 from collections.abc import Callable, Sequence

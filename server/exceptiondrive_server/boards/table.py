@@ -1,6 +1,6 @@
-"""The table of a board: which rows and columns, in which order, with their whiskers and tiles.
+"""The table of a board: rows and columns in order, with their whiskers and tiles.
 
-All of it is pure: from a board, a protocol's digits and a query.
+Pure: computed from a board, the protocol's digits and a query.
 """
 
 from collections.abc import Mapping

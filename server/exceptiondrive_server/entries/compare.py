@@ -1,4 +1,4 @@
-"""The compare page: entries of one board, the first two in full, all of them side by side."""
+"""The compare page: entries of one board side by side, the first two in detail."""
 
 from collections import defaultdict
 from collections.abc import Sequence

@@ -1,7 +1,7 @@
-"""Scenes in motion: the drawings of one or more entries laid over each other, step by step.
+"""Scenes in motion: the drawings of one or more entries, overlaid and animated step by step.
 
-All numbers are those of the drawings, which the worker makes with the scoring code; nothing is
-measured here. Between two time steps the picture moves in a straight line, the numbers stand still.
+All numbers come from the drawings, which the worker makes with the scoring code; nothing is measured
+here. Between two time steps the picture is interpolated linearly, while the numbers do not change.
 """
 
 from collections.abc import Iterator, Sequence

@@ -1,4 +1,4 @@
-"""What other sites show of an entry: its picture beside a link (OpenGraph), its badge in a README."""
+"""How other sites show an entry: its OpenGraph picture beside a link, its badge in a README."""
 
 from exceptiondrive_schemas.board import BoardEntry
 from exceptiondrive_server.boards.entry_facts import challenge_of, flags_of

@@ -1,4 +1,4 @@
-"""The scenes that all entries of a public split share, one a family: who is shown driving them."""
+"""The scenes that all entries of a public split share, one a family, and the entries shown in them."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Further tables of an entry: what a reminder changed, sensitivity, confusion, whatever else is named."""
+"""Further tables of an entry: effect of a reminder, sensitivity, confusion, any other named table."""
 
 from typing import NamedTuple
 

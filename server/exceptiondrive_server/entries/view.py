@@ -1,4 +1,4 @@
-"""The pages of one entry and of its drawn samples: what templates need besides the documents."""
+"""View data for the pages of an entry and of its drawn samples."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass

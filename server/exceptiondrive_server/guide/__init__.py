@@ -1,1 +1,1 @@
-"""Pages and documents that explain: help for every problem, the API, schemas and examples."""
+"""Reference pages and documents: help for every problem, the API, schemas and examples."""

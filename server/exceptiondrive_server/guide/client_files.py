@@ -1,7 +1,7 @@
-"""What the server hands to participants: the client's wheel, `recorder.py`, and their digests.
+"""Downloads for participants: the client's wheel, `recorder.py`, and their digests.
 
-`/client/` works as `pip --find-links`: on a closed network the folder holds the wheels of the
-dependencies too (`make wheelhouse`).
+`/client/` serves as `pip --find-links`: on a closed network the folder also holds the wheels of the
+dependencies (`make wheelhouse`).
 """
 
 import hashlib

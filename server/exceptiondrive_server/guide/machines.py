@@ -1,4 +1,4 @@
-"""What machines ask every site for: where they may look, what there is, and its icons."""
+"""Files that machines request from every site: robots.txt, sitemap, icons."""
 
 import struct
 from functools import cache

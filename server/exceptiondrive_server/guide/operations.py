@@ -1,4 +1,4 @@
-"""The API for readers: every operation of the application's own description, in the page's words."""
+"""The operations on the API page, made from the application's own OpenAPI document."""
 
 import json
 from collections import defaultdict

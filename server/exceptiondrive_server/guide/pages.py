@@ -1,4 +1,4 @@
-"""Pages that explain: every problem of the API, every fault of a file, the API itself."""
+"""Reference pages: every problem of the API, every fault of a file, the API itself."""
 
 from datetime import timedelta
 from functools import cache

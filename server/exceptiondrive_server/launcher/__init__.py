@@ -1,1 +1,1 @@
-"""The embedded default: everything on one machine, nothing installed (`exceptiondrive-server run`)."""
+"""The embedded default: everything on one machine, nothing to install (`exceptiondrive-server run`)."""

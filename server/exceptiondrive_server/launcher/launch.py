@@ -1,4 +1,4 @@
-"""Starts, watches and ends the processes of the embedded default."""
+"""Starts, supervises and stops the processes of the embedded default."""
 
 import errno
 import os

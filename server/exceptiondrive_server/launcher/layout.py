@@ -1,4 +1,4 @@
-"""The embedded default: its folders, the processes it is made of, and what a newcomer is told."""
+"""The embedded default: its folders, its processes, and the instructions that it prints."""
 
 import fcntl
 import os

@@ -1,6 +1,6 @@
-"""`exceptiondrive-server run --split FILE`: a live phase of an own split.
+"""`exceptiondrive-server run --split FILE`: a live phase on the operator's own split.
 
-The file is opened by the worker's command alone; this process learns what the records may know.
+Only the worker's command opens the file; this process reads only what the records may hold.
 """
 
 import json

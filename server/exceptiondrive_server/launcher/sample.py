@@ -1,4 +1,4 @@
-"""Makes the page alive: phases on the sample split, files submitted by the real client."""
+"""Fills a new site: phases on the sample split, and files submitted with the real client."""
 
 import os
 import subprocess

@@ -1,7 +1,7 @@
-"""Gives the server a user of its own, so that whoever takes over the web process opens no split file.
+"""Runs the server as a user of its own, so that an attacker in the web process cannot open split files.
 
-Only root may start processes as another user. Started by somebody else, server and worker are one user, and the
-launcher says what that means.
+Only root may start processes as another user. Otherwise server and worker run as the same user, and
+the launcher says what that means.
 """
 
 import os

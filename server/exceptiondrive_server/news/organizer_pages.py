@@ -1,4 +1,4 @@
-"""News to publish and withdraw, questions to answer; each on a page of its own."""
+"""Publish and withdraw news, answer questions, each on a page of its own."""
 
 from functools import partial
 from typing import Annotated, Any

@@ -1,4 +1,4 @@
-"""Where a team asks the organizers, and reads what they answered."""
+"""A team's questions to the organizers, and their answers."""
 
 from urllib.parse import urlencode
 

@@ -1,1 +1,1 @@
-"""What teams are told, and by which channel."""
+"""Notifications to teams, and the channels that deliver them."""

@@ -1,4 +1,4 @@
-"""What a team is told, and where: its inbox and its addresses; and the links of mails."""
+"""A team's inbox and its addresses for notifications; and the pages that links in mails open."""
 
 from typing import Annotated, Any
 

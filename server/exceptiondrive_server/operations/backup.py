@@ -1,7 +1,7 @@
 """Backup and restore: one file with every row and every upload, for any database and file store.
 
-What is withheld is not in it: splits stay where the workers have them, and the workers' private
-store is made again from uploads and splits.
+It holds nothing withheld: splits stay with the workers, and the workers' private store is rebuilt
+from uploads and splits.
 """
 
 import gzip

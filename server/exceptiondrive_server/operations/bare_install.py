@@ -1,7 +1,7 @@
-"""A production server without containers: folders, secrets, settings and units, made from `bare/`.
+"""Install a production server without containers: folders, secrets, settings and units, from `bare/`.
 
-The files of `bare/` say what compose.yaml says, for systemd and one machine: the same users, commands,
-walls and limits. nginx reads the very file of the containers, with addresses of this machine.
+The files in `bare/` are compose.yaml for systemd on one machine: the same users, commands, isolation
+and limits. nginx uses the same file as in containers, with this machine's addresses.
 """
 
 import os

@@ -1,6 +1,6 @@
-"""`exceptiondrive-server`: what an operator does on the machine itself.
+"""`exceptiondrive-server`: the operator's commands on the machine itself.
 
-What one long-running command alone needs is imported when it is called: a broker's client, say.
+What only one long-running command needs, such as the broker's client, is imported when it is called.
 """
 
 import gc

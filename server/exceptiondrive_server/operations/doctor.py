@@ -1,6 +1,6 @@
-"""The doctor: examines settings, permissions, walls, broker, database and clocks.
+"""The doctor: checks settings, permissions, isolation, broker, database and clocks.
 
-Every finding says what to do. It changes nothing.
+Every finding says what to do. Read-only.
 """
 
 import os

@@ -1,4 +1,4 @@
-"""Public pages about the site itself: whether scoring keeps up, and how to cite."""
+"""Public pages about the site itself: the status of scoring, and how to cite."""
 
 from fastapi import APIRouter, Request
 from fastapi.responses import Response

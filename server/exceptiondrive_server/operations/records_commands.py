@@ -1,4 +1,4 @@
-"""Operator commands on tokens: how an organizer comes in first, and how a lost token is ended.
+"""Operator commands for tokens: create the first organizer, revoke a lost token.
 
 Every other action is an organizer's: `exceptiondrive organizer ...`, over the API.
 """

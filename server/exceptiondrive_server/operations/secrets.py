@@ -1,6 +1,6 @@
-"""The first secrets of a production server: every file that compose.yaml names, in one go.
+"""Create the secrets of a production server: every file that compose.yaml names, in one go.
 
-Passwords are made here and known to nobody else. What stands in several files agrees.
+Passwords are generated here and shown to nobody. Values shared by several files agree.
 """
 
 import ipaddress

@@ -1,4 +1,4 @@
-"""Operator commands that keep a server well: backup, restore, verify, doctor."""
+"""Operator commands for maintenance: backup, restore, verify, doctor."""
 
 import os
 from datetime import timedelta

@@ -1,1 +1,1 @@
-"""What organizers do with teams, by page and by API; what teams accept and readers are told."""
+"""Managing teams, by page and API; terms that teams accept; public notes on disqualifications."""

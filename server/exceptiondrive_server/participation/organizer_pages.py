@@ -1,4 +1,4 @@
-"""What organizers do with teams, each action a step of its own, and messages with a preview."""
+"""Organizers manage teams: each action is a page of its own, messages have a preview."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace

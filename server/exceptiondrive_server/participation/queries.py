@@ -1,4 +1,4 @@
-"""What organizers see of a team besides its submissions: people, addresses, allowances, conduct, terms."""
+"""Queries about a team besides its submissions: people, addresses, allowances, conduct, terms."""
 
 from datetime import datetime
 

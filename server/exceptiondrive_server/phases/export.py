@@ -1,4 +1,4 @@
-"""A phase as one tar for a paper or an archive: nothing in it but what readers may see."""
+"""A phase as one tar for a paper or an archive; it holds only what readers may see."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 

@@ -1,4 +1,4 @@
-"""Phases: list, make, change, and the actions of their life."""
+"""Phases: list, create, change, and the actions of their life cycle."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace

@@ -1,4 +1,4 @@
-"""The page of a phase: what it asks, its rules, terms and prize, its dates, its data, whom to ask."""
+"""The page of a phase: its task, rules, terms and prize, dates, data, contact."""
 
 from fastapi import APIRouter, Request
 from fastapi.responses import Response

@@ -1,4 +1,4 @@
-"""The final report of a phase, made of its published boards alone."""
+"""The final report of a phase, made from its published boards only."""
 
 from collections import Counter
 from datetime import timedelta

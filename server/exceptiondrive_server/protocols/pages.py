@@ -1,4 +1,4 @@
-"""The page of a protocol: its rules in words, with the values of the document."""
+"""The page of a protocol: its rules in prose, with the values of the document."""
 
 from fastapi import APIRouter, Request
 from fastapi.responses import RedirectResponse, Response

@@ -1,4 +1,4 @@
-"""Applied protocol updates, as every reader sees them."""
+"""Applied protocol updates, as the public sees them."""
 
 from typing import Annotated
 

@@ -1,4 +1,4 @@
-"""A comparison as CSV: a line per entry, safe to open in a spreadsheet."""
+"""A comparison as CSV, one line per entry, safe to open in a spreadsheet."""
 
 import csv
 import io

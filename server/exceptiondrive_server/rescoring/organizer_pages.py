@@ -1,4 +1,4 @@
-"""Rescoring runs: list, draft, follow, preview, and every step; verifications of sheets."""
+"""Rescoring runs: list, draft, progress, preview, and every step; verifications of sheets."""
 
 from collections.abc import Sequence
 from typing import Annotated

@@ -1,4 +1,4 @@
-"""What a protocol update or a new split revision changed, as every reader may see it."""
+"""What a protocol update or a new split revision changed, as the public sees it."""
 
 from typing import Annotated
 

@@ -1,4 +1,4 @@
-"""A rescoring run in words, and its steps as data: what each does, what the button says."""
+"""A rescoring run in words, and its steps as data: effect and button label of each."""
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace

@@ -1,4 +1,4 @@
-"""The page of a split, as its datasheet and the lint say, and pictures of public ones. No split is opened here."""
+"""The page of a split, from its datasheet and lint; pictures of public ones. Opens no split."""
 
 from base64 import b64encode
 from typing import Annotated

@@ -1,1 +1,1 @@
-"""Uploads and what became of them."""
+"""Submissions: uploads and their outcome."""

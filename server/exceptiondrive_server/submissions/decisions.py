@@ -1,6 +1,6 @@
-"""What is decided about a submission that was taken: confirm, edit, withdraw, choose, publish.
+"""Decisions about an accepted submission: confirm, edit, withdraw, choose, publish.
 
-A team decides about its own. An organizer edits or withdraws any, of which its team is told.
+A team decides about its own. An organizer may edit or withdraw any, and its team is notified.
 """
 
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""Uploads given back bit by bit: one to its team, one or many to organizers."""
+"""Download uploads unchanged: one for its team, one or many for organizers."""
 
 import tarfile
 from collections.abc import Iterable, Iterator

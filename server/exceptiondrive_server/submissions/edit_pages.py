@@ -1,4 +1,4 @@
-"""The page on which a team edits what it says of a submission, with the history of that."""
+"""The page where a team edits the description of a submission, with the history of edits."""
 
 from collections.abc import Mapping
 from functools import partial

@@ -1,4 +1,4 @@
-"""Live status of a submission as server-sent events; polling the submission gives the same."""
+"""Live status of a submission as server-sent events; polling the submission shows the same."""
 
 import asyncio
 import time

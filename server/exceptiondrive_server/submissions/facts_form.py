@@ -1,4 +1,4 @@
-"""The facts of a method in a form: fields made from the schema, each with a prefix of its own."""
+"""The form for facts of a method: fields made from the schema, names prefixed."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Submissions of all teams: filter, look, recompute, restore, answer. No value of a sample is shown."""
+"""Submissions of all teams: filter, show, recompute, restore, answer. Shows no value of a sample."""
 
 from dataclasses import replace
 from functools import partial

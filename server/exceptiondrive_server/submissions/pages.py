@@ -1,6 +1,6 @@
-"""Pages of submissions: how to submit, the upload form, a team's own list, and each of its own.
+"""Pages of submissions: how to submit, the upload form, a team's list, one submission.
 
-All of it works without script. Another team's submission is not found.
+All of them work without scripts. Another team's submission answers 404.
 """
 
 import dataclasses

@@ -1,4 +1,4 @@
-"""What a scored file looks like: worked out for who asks, since most are told before they submit."""
+"""The profile of a scored file, computed on request: most clients show it before the upload."""
 
 from exceptiondrive_records.work.profiles import ask_for_profile, was_profile_asked_for
 from exceptiondrive_schemas.api.submission import SubmissionStatus, SubmissionView

@@ -1,4 +1,4 @@
-"""What the pages of a submission read from the records."""
+"""Queries for the pages of a submission."""
 
 from collections.abc import Iterable
 from typing import NamedTuple

@@ -1,4 +1,4 @@
-"""The commands of the quick start, for one phase: pasted into a shell one after the other, they run."""
+"""The commands of the quick start for one phase, ready to be pasted into a shell in order."""
 
 from typing import NamedTuple
 

@@ -1,7 +1,7 @@
-"""Signs receipts with Ed25519. The private key is one file (0600), read or made when needed first.
+"""Signs receipts with Ed25519. The private key is one file (0600), read or created on first use.
 
-To rotate, replace the file (`exceptiondrive-server new-receipt-key`) and restart: public keys are
-recorded when they sign first, and stay published, so older receipts can still be checked.
+To rotate it, replace the file (`exceptiondrive-server new-receipt-key`) and restart. Public keys are
+recorded when they first sign, and stay published, so older receipts can still be checked.
 """
 
 import base64

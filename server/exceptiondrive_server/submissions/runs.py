@@ -1,4 +1,4 @@
-"""A team's list of submissions: score with its interval, change to the run before, trend, standing."""
+"""A team's list of submissions: score with interval, change since the previous run, trend, place."""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -1,4 +1,4 @@
-"""Everything that ever happened to one submission: for the organizers' page, and for a committee."""
+"""The whole history of one submission, for the organizers' page and for a committee."""
 
 from collections.abc import Iterator
 from contextlib import suppress

@@ -1,6 +1,6 @@
-"""Take an upload, for the API and the form of the page: read, stored, accepted, a worker called.
+"""Take an upload from the API or the page's form: read it, store it, accept it, wake a worker.
 
-The form is read only once its sender is known; its file is kept on disk and never parsed here.
+The body is read only after its sender is authenticated; the file is stored and never parsed here.
 """
 
 import time

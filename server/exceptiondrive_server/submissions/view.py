@@ -1,4 +1,4 @@
-"""Where a submission stands, in words: its way, its score, what its team may do, what quota is left."""
+"""The state of a submission in words: its progress, score, its team's options, the remaining quota."""
 
 import math
 import re

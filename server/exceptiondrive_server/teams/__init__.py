@@ -1,1 +1,1 @@
-"""Teams and how they come to be."""
+"""Teams and their registration."""

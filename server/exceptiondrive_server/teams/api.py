@@ -1,4 +1,4 @@
-"""Self-registration, where the operator has switched it on."""
+"""Self-registration of teams, if the operator has enabled it."""
 
 from typing import Annotated
 

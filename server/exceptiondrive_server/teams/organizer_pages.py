@@ -1,4 +1,4 @@
-"""Teams: list, make, approve or refuse, and their tokens; each decision on a page of its own."""
+"""Teams and their tokens: list, create, approve or refuse, each on a page of its own."""
 
 from collections.abc import Mapping
 from functools import partial

@@ -1,4 +1,4 @@
-"""The team's people: members, invitations, and the choice of a team to act for."""
+"""The people of a team: members, invitations, and the choice of the team to act for."""
 
 from collections.abc import Mapping
 from typing import Annotated, Any

@@ -1,1 +1,1 @@
-"""What every route and page stands on."""
+"""What all routes and pages share."""

@@ -1,4 +1,4 @@
-"""Who asks: bearer tokens to principals, and what a route demands of them."""
+"""Authentication of requests: bearer tokens to principals, and the rights that a route requires."""
 
 from collections.abc import Awaitable, Callable
 from typing import Annotated, Any

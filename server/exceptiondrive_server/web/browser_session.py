@@ -1,7 +1,7 @@
-"""Signed-in browsers: one cookie, and forms that no other site can send.
+"""Browser sessions: one cookie, and forms protected against cross-site requests.
 
-The cookie holds who it is for and a random secret. It never speaks for anybody on the API: only
-these functions read it, for pages alone.
+The cookie holds the kind of its holder and a random secret. The API never accepts it: only these
+functions read it, for pages.
 """
 
 import hashlib

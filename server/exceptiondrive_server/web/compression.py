@@ -1,9 +1,9 @@
-"""Answers compressed by gzip: what is public alone.
+"""Compress responses with gzip, but only public ones.
 
-The length of a compressed answer tells how alike its parts are. Where one part is secret and another
-can be chosen by a stranger (every page repeats its own address), that tells the secret letter by letter
-to whoever sees lengths. So what is for one reader alone (`private`, `no-store`: every page with a form
-token, a session, a token; every answer to a bearer) goes out as it is.
+The length of a compressed response reveals how similar its parts are. If one part is secret and an
+attacker chooses another (every page repeats its own address), observed lengths reveal the secret
+letter by letter (BREACH). So responses for one reader only (`private`, `no-store`: pages with a form
+token, a session or a token; responses to a bearer token) are sent uncompressed.
 """
 
 from starlette.datastructures import Headers, MutableHeaders

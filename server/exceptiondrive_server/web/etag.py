@@ -1,4 +1,4 @@
-"""Strong ETags: the digest of what is answered, and 304 where the asker has it."""
+"""Strong ETags: the digest of the response, and 304 if the client has it."""
 
 import hashlib
 from collections.abc import Callable, Mapping

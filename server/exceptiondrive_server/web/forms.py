@@ -1,7 +1,7 @@
-"""Small forms made from data: each field is one line, for the page and for reading it back.
+"""Small forms made from data: one line a field, used to render and to parse it.
 
-A form of what is kept sends what each field showed at first (`was.NAME`): what somebody left alone is
-not theirs to change, and what two changed at once is refused to the second.
+A form that edits stored values also sends what each field showed at first (`was.NAME`): untouched
+fields change nothing, and of two concurrent edits of a field the second is refused.
 """
 
 import hashlib

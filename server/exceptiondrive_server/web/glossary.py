@@ -1,4 +1,4 @@
-"""What the words on the pages mean, each in a sentence or two: one registry for all pop-overs."""
+"""Explanations of terms on the pages, in a sentence or two each: one registry for all pop-overs."""
 
 from collections.abc import Iterator, Mapping
 from typing import NamedTuple

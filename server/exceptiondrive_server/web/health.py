@@ -1,4 +1,4 @@
-"""Health: alive, ready, and the metrics of both."""
+"""Health checks: liveness, readiness, and their metrics."""
 
 from contextlib import suppress
 

@@ -1,7 +1,7 @@
-"""Public pages that are kept, each for `MAX_AGE_S`: however many ask, it is made about once a second.
+"""Cache of public pages: each is rendered about once a second, however many request it.
 
-What was written since it was made is seen when it is made anew, the actions of other processes and what
-turns by the clock alone (a deadline) with it.
+A page is cached for `MAX_AGE_S`. A change, of this process or another or by the clock alone (a
+deadline), shows when it is rendered next.
 """
 
 import gzip

@@ -1,7 +1,7 @@
-"""Markdown of organizers as HTML that can do nothing: parsed without raw HTML, then sanitized.
+"""Render organizers' Markdown as safe HTML: parsed without raw HTML, then sanitized.
 
-CommonMark with tables. Either library alone keeps scripts out; both do, since one of them may have a
-fault (docs/decisions/0016-markdown.md).
+CommonMark with tables. Either library alone keeps scripts out; both are used in case one of them has
+a fault (docs/decisions/0016-markdown.md).
 """
 
 from functools import lru_cache

@@ -1,4 +1,4 @@
-"""Prometheus metrics: requests as they happen, the queue as the records tell it when asked."""
+"""Prometheus metrics: requests as they happen, the queue as the records show it at each scrape."""
 
 from collections.abc import Callable, Iterable
 from itertools import product

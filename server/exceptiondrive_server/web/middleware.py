@@ -1,4 +1,4 @@
-"""Around every request: an id, one log line, security headers. Never a token, never a body."""
+"""Middleware of every request: an id, one log line (without token or body), security headers."""
 
 import re
 import time

@@ -1,4 +1,4 @@
-"""Numbers and times on a page: digits, units, minus signs, plurals; and where they stand on a scale."""
+"""Format numbers and times for pages: digits, units, minus signs, plurals; positions on a scale."""
 
 import math
 import re

@@ -1,4 +1,4 @@
-"""The OpenAPI document: every answer a route may give, errors always as the one problem document."""
+"""The OpenAPI document: every response of a route, with errors always as the one problem document."""
 
 import json
 import re

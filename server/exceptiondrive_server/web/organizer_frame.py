@@ -1,4 +1,4 @@
-"""Around every page of the organizers: who may see it, what all of them carry, and their steps."""
+"""The frame of every organizer page: access, shared content, and the forms of its actions."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace

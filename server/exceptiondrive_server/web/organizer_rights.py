@@ -1,7 +1,7 @@
-"""Which organizer may use which route: one table, asked once for the API and for pages.
+"""Which organizer may use which route: one table for the API and for pages.
 
-Whoever reads needs the role read-only, whoever changes anything the role owner, but for the actions of
-helpers below. A route whose path names a phase, a run, a submission, news, a question or an entry's
+Reading needs the role read-only, changing anything the role owner, except for the actions of helpers
+below. A route whose path names a phase, a run, a submission, news, a question or an entry's
 disqualification is a phase's, unless it moves other phases, too; so are lists that are narrowed to a
 phase. A role that is confined to that phase counts there. Every other route is the whole site's.
 """

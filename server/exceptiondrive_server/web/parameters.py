@@ -1,4 +1,4 @@
-"""What an address of the API may ask: a parameter that its route does not know is refused, as a field of a body is."""
+"""Refuse query parameters that an API route does not know, as unknown fields of a body are refused."""
 
 from fastapi import Request
 from fastapi.dependencies.utils import get_flat_params

@@ -1,4 +1,4 @@
-"""Ids that stand in the addresses of several nouns, of pages and API alike."""
+"""Path parameters that the routes of several nouns share, in pages and API."""
 
 from typing import Annotated
 

@@ -1,4 +1,4 @@
-"""Polls of submissions that are followed: one at a time of each, however many follow it."""
+"""Poll submissions for their followers: one query at a time for each, however many follow it."""
 
 import time
 from collections.abc import Callable, Iterator

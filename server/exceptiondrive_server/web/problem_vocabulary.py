@@ -1,4 +1,4 @@
-"""The vocabulary of problems: what each code means and what to do, and the exception that states one."""
+"""The vocabulary of problems: meaning and advice of each code, and the exception to raise."""
 
 from collections.abc import Mapping
 from datetime import datetime

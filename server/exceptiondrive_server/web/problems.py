@@ -1,4 +1,4 @@
-"""Every error as an RFC 9457 problem: one vocabulary, one form, nothing of the request echoed."""
+"""Every error as an RFC 9457 problem: one vocabulary, one form, without echoing the request."""
 
 import math
 import re

@@ -1,4 +1,4 @@
-"""What routes work with: made once per application, closed with it."""
+"""The services that routes use, created once per application and closed with it."""
 
 import time
 from dataclasses import dataclass, field

@@ -1,7 +1,7 @@
-"""The site's own style, scripts, fonts and icons, each named by its content and kept for ever.
+"""The site's styles, scripts, fonts and icons, each named by its content hash and cached forever.
 
-Sources of the style are small files by subject; readers fetch one, made of all of them. Style and
-scripts are served without comments and indents.
+Styles are small source files by subject, served as one. Styles and scripts are served without
+comments and indentation.
 """
 
 import hashlib

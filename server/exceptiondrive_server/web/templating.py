@@ -1,10 +1,10 @@
-"""Jinja2 set up once: autoescape, strict, filters, and line breaks of templates as layout.
+"""The Jinja2 environment: autoescape, strict undefined, filters, and removal of layout whitespace.
 
-Line breaks show a reader the elements, and are not sent. The rules are those of Vue's templates.
-Between two tags a line break is nothing; behind an opening and before a closing tag it is nothing;
-anywhere else, in running text, it is one space. A space that is to be seen between two tags stands
-between them on one line. A call, `{{ icon("up") }}` or `{% call %}`, writes markup and counts as a tag;
-`{% if %}` and its like are looked through. No space stands before `{%-` and `{{-`.
+Line breaks in templates are layout and are not sent, by the rules of Vue's templates: between two
+tags, after an opening tag and before a closing tag a line break is dropped; anywhere else, in running
+text, it becomes one space. A visible space between two tags is written between them on one line. A
+call, `{{ icon("up") }}` or `{% call %}`, writes markup and counts as a tag; `{% if %}` and the like
+are transparent. `{%-` and `{{-` remove the space before them.
 """
 
 import re

@@ -1,1 +1,1 @@
-"""How much one sender may ask at once: bytes of a body, places for uploads, places for pages."""
+"""Limits on concurrent load: bytes of a body, slots for uploads, slots for pages."""

@@ -1,7 +1,7 @@
-"""What a request may be: so large and so slow, so that pages stay quick.
+"""Limits on the size of a request's head and body, and on how slowly a body may arrive.
 
-In production nginx ends slow clients before they reach us (deploy/nginx.conf). Where it does not
-stand before the server, an unfinished head is waited for, and only the rest is limited here.
+In production nginx disconnects slow clients first (deploy/nginx.conf). Without it, a head that never
+ends keeps its connection open.
 """
 
 import asyncio

@@ -1,4 +1,4 @@
-"""Places for pages: however many are asked for, requests of teams and of monitors find a thread."""
+"""Slots for pages: however many are requested, threads remain for teams and monitors."""
 
 from weakref import WeakValueDictionary
 

@@ -1,8 +1,8 @@
-"""How many uploads one process takes at a time: of all teams together, and of one team.
+"""Limit on concurrent uploads in one process: of all teams together, and of one team.
 
-A place is taken when the sender is known and before the first byte of the body is read. So whoever
-has no token takes none, and a team that sends slowly leaves the places of others free. Once half of
-all are taken a team has one at most: a few teams together do not hold them all.
+A slot is taken after the sender is authenticated and before the body is read. So clients without a
+token take none, and a team that sends slowly does not block others. Once half of all slots are taken,
+a team gets at most one, so that a few teams cannot take them all.
 """
 
 from collections import Counter
