@@ -168,7 +168,7 @@ def test_no_body_of_a_patch_has_a_default_as_what_is_left_out_stays(api: "Api") 
     told = {(one.method, one.path): one for group in by_tag(document).values() for one in group}[
         "PATCH", "/api/v1/organizer/phases/{phase_id}"
     ]
-    assert "What is left out stays" in " ".join(told.paragraphs)
+    assert "Omitted fields stay" in " ".join(told.paragraphs)
     assert not [each for each in told.asks if ", else" in each.type_words]
 
 

@@ -1,4 +1,4 @@
-"""Commands about who one is and the tokens of one's team: login, logout, whoami, tokens."""
+"""Commands for accounts: login, logout, whoami, and the team's tokens."""
 
 import sys
 from getpass import getpass

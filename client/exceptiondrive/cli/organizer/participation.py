@@ -1,4 +1,4 @@
-"""What organizers do with teams in a season: conduct, allowances, names, messages, many at once."""
+"""Commands for teams in a season: disqualification, allowances, names, messages, imports."""
 
 from collections.abc import Callable
 from pathlib import Path

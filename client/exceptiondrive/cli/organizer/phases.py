@@ -1,4 +1,4 @@
-"""Phases from the command line: make, show, change, freeze, reveal.
+"""Commands for phases: create, show, change, freeze, reveal.
 
 The options of the settings are made from `PhaseSettings`: a further field is a further option.
 """
