@@ -139,4 +139,6 @@ def test_a_run_that_the_floors_of_the_split_forbid_stays_a_draft(
     assert CURE_OF_FLOORS in run["blockers"][0]
     organizer.rescore("begin", run["id"], *REASON)
     (run,) = organizer.rescore("status")
-    assert run["blockers"] == ["4 of 4 sheets still missing."], "what was said of the draft is over"
+    assert run["blockers"] == ["4 sheets of 4 are still missing."], (
+        "what was said of the draft is over"
+    )

@@ -107,7 +107,7 @@ def test_the_summary_names_work_and_sheets() -> None:
 def test_another_version_of_the_same_content_repeats_nothing() -> None:
     found = difference('version = "1.0"', 'version = "1.1"')
     assert (found.changes, found.stage, found.n_sheets) == ((), Stage.NONE, 0)
-    assert found.sentence == "nothing to work out again: every number stays"
+    assert found.sentence == "nothing to recompute: every number stays"
 
 
 @pytest.mark.parametrize(

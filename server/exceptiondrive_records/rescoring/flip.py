@@ -152,7 +152,8 @@ def blockers_of(session: Session, run: RescoringRun) -> tuple[str, ...]:
     found = []
     waiting = counts.missing - counts.failed
     if waiting:
-        found.append(f"{waiting:,} of {counted(counts.total, 'sheet')} still missing.")
+        are = "is" if waiting == 1 else "are"
+        found.append(f"{counted(waiting, 'sheet')} of {counts.total:,} {are} still missing.")
     if counts.failed:
         found += failed_words(session, run, key)
     if run.state is RunState.PAUSED:
