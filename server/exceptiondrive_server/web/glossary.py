@@ -41,7 +41,7 @@ _WORDS = {
     ),
     "interval": Term(
         "\u00b1 and bars",
-        "How far a number moves when the scenes are drawn anew: in at least 95 of 100 such draws it stays "
+        "How far a number moves with another draw of the scenes: in at least 95 of 100 such draws it stays "
         "within the bar of a 95 % interval. A share that no draw moves from 0 or 100 % has Wilson's interval, by "
         "the number of scenes. \u00b1 is the distance from the number to the farther end of the bar; "
         "where the other is much nearer, \u2212 and + tell both; + or \u2212 alone: it reaches to that side only. Of withheld splits the ends are told outward to whole per cents.",
