@@ -754,7 +754,7 @@ def test_of_a_published_split_both_parts_are_public_and_nothing_says_that_they_a
     life.make_phase()
     submission = life.submit("alpha", CAREFUL)
     life.work()
-    withheld = "nobody outside can see"
+    withheld = "The hazard regions are withheld."
     assert withheld in life.get("/?phase=test").text
     assert "where its hazard lies" in life.get(f"/entries/{submission}").text
     context = life.context

@@ -488,12 +488,12 @@ def test_the_api_page_begins_with_what_a_program_needs_and_commands_that_fit(api
         "Base address",
         "Authorization: Bearer",
         "Retry-After",
-        "A file of at most",
+        "A file has at most",
         "Versions",
-        "too slowly (408) may be answered in plain text",
+        "slow ones (408) may be answered in plain text",
         "Boards, entries and submissions are also JSON",
-        "and with another method or other words a 409",
-        "no page of another site can read the answers in a browser",
+        "and with another method or other texts a 409",
+        "pages of other sites cannot read responses in a browser",
     ):
         assert words in text, words
     commands = re.findall(r'<pre class="term"[^>]*>(.*?)</pre>', text, re.DOTALL)

@@ -70,7 +70,7 @@ def test_the_form_shows_what_is_left_and_when_it_begins_anew(alpha: "TeamBrowser
     page = alpha.get("/submit").text
     assert "4 of 5 left today" in page
     assert "20 wrong files more may be sent today" in page
-    assert "at most 20 wrong ones a day are taken" in page
+    assert "file costs no quota, up to 20 a day for each team" in " ".join(page.split())
     assert "00:00 UTC" in page
 
 

@@ -115,9 +115,9 @@ def _findings(
         for metric, row in ((one, leader.metrics), (two, leader.metrics), (two, leader.micro))
     )
     numbers = words.headline.leads.format(first=first, second=second)
-    numbers += f" ({AVERAGE_TITLES[board.headline]})"
+    numbers += f", as the {AVERAGE_TITLES[board.headline]}"
     if of_all != second:  # the title counts samples
-        numbers += f"; of all samples it is {of_all}"
+        numbers += f"; over all samples, {two.label} is {of_all}"
     if len(ranked) == 1:
         lead = f"The only ranked {words.subject} so far is {leader.method}"
     else:

@@ -119,7 +119,7 @@ def lead_chart(
         marks=_marks(marks, (left + right) / 2),
         x_title=_time_title(start, now),
         metric=metric,
-        description=f"{metric.label} of who led, in per cent over time. "
+        description=f"{metric.label} of the leader, in per cent over time. "
         + "; ".join(_title(change, metric, digits) for change in changes[-12:]),
     )
 

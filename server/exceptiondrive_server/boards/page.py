@@ -186,7 +186,7 @@ class PhaseLink:
     closes_at: datetime | None
     quota_per_day: int
     rejected_per_day: int
-    """How many wrong files a day are taken of a team."""
+    """How many faulty files a day are accepted from a team."""
     split: str
     split_is_public: bool
     has_data: bool
