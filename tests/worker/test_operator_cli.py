@@ -659,7 +659,7 @@ def test_an_earlier_revision_that_is_held_is_nothing_new(
     assert f"an earlier revision, {read_split(first).revision}: it is already held" in out
     assert "A datasheet beside it replaces the one held" in out
     assert "--split-revision" in out
-    assert "it lies at" not in out
+    assert "it is at" not in out
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
     sheet_file = first.with_name("datasheet-first.json")
     edited = Datasheet.model_validate_json(sheet_file.read_bytes()).model_copy(
