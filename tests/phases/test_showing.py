@@ -524,7 +524,7 @@ def test_after_the_deadline_nobody_picks_what_stands_by_publishing(
         final, other = older, newest
         assert do("choose", older, "beta")[0] == 200
         page = visitor(life, "beta").get(f"/submissions/{older}").text
-        assert "The team chose it: once it is public, it stands on the board." in page
+        assert "The team chose it: once it is public, it is on the board." in page
     life.move(closes_at=life.now())
     assert do("unpublish", public) == (
         409,

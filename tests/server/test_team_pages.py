@@ -138,7 +138,7 @@ def test_the_form_says_what_a_later_run_replaces_and_the_page_by_what(
     assert "A later run of a method replaces the earlier one" in form
     assert re.search(rf'<li>\s*[^<]+: <a href="{first}">Planner</a>', form)  # phase, then entries
     assert (
-        "one that answers fewer than 99 % of the samples, you are asked before anything counts"
+        "(because it answers fewer than 99 % of the samples, say), you are asked before anything counts"
         in form
     )
     api.score(second.removeprefix("/submissions/"), hcc=0.1)
@@ -347,7 +347,7 @@ def test_the_page_of_a_rejected_file_lists_its_faults_safely(
     assert "What the file looks like" not in page, "of no whole trajectory there is nothing to say"
     for words in ("1,234 faults", "wrong_waypoint_count", "$.predictions[2].edited", "6 waypoints",
                   "cut the horizon: <code>convert --truncate</code>", "&lt;b&gt;5&lt;/b&gt;", "1,233 more of this kind",
-                  "No quota was spent; of a team, at most"):  # fmt: skip
+                  "No quota was spent; a team may send at most"):  # fmt: skip
         assert words in page, words
     assert "<b>5</b>" not in page
     assert "/withdraw" not in page
@@ -521,7 +521,7 @@ def test_withdrawing_on_the_page_takes_it_off(api: "Api", alpha: "TeamBrowser") 
     assert "It stands on no board" in alpha.get(address).text
     assert "/withdraw" not in alpha.get(address).text
     assert '<li class="withdrawn">withdrawn</li>' in alpha.get(address).text
-    assert "its file can be sent again" in alpha.get(address).text
+    assert "this file can be sent again" in alpha.get(address).text
     assert '<a class="btn" href="/submit?phase=dev#upload">' in alpha.get(address).text
     assert alpha.submit("a").headers["location"] != address
     assert "\u00b1 reaches" not in alpha.get("/my").text
