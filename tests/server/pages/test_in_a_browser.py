@@ -492,7 +492,7 @@ def test_the_words_of_an_empty_card_stay_clear_of_its_edge_on_a_phone(visit: Vis
     edges = """() => {
       const card = document.querySelector("main").appendChild(document.createElement("div"));
       card.className = "card nothing-yet";
-      card.innerHTML = "<p>" + "Here people sign in with a token of the team. ".repeat(4) + "</p>";
+      card.innerHTML = "<p>" + "People sign in here with a token of the team. ".repeat(4) + "</p>";
       return [card, card.firstChild].map((part) => part.getBoundingClientRect().left);
     }"""
     card, words = page.evaluate(edges)
