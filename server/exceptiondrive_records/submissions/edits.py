@@ -54,7 +54,7 @@ def edit_submission(
     """
     submission = find_submission(session, submission_id)
     hold_team(session, submission.team_id)
-    session.refresh(submission, with_for_update=True)
+    session.refresh(submission, with_for_update={"key_share": True})
     phase = session.get_one(Phase, submission.phase_id)
     now = database_now(session)
     old_name = submission.method
@@ -122,7 +122,7 @@ def _other_runs(session: Session, submission: Submission, method: str) -> list[S
         Submission.method == method,
         Submission.id != submission.id,
     )
-    return list(session.scalars(query.order_by(Submission.id).with_for_update()))
+    return list(session.scalars(query.order_by(Submission.id).with_for_update(key_share=True)))
 
 
 def _require_free_name(

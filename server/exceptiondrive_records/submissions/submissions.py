@@ -447,9 +447,8 @@ def find_submission(
     Raises:
         NotFound: There is none, or it is not the team's: the answer is the same.
     """
-    submission = session.get(
-        Submission, submission_id, with_for_update=lock, populate_existing=lock
-    )
+    how = {"key_share": True} if lock else None  # rows that refer to it may be written meanwhile
+    submission = session.get(Submission, submission_id, with_for_update=how, populate_existing=lock)
     if submission is None or (team_id is not None and submission.team_id != team_id):
         raise NotFound("submission", submission_id)
     return submission
