@@ -255,7 +255,7 @@ def _add_lines(archive: tarfile.TarFile, name: str, lines: Iterator[str], folder
 
 @contextmanager
 def _atomic_file(path: Path) -> Iterator[IO[bytes]]:
-    """Give a file that takes its name, synced, when all went well, and is gone otherwise."""
+    """Open a file that is synced and renamed into place on success, and removed otherwise."""
     descriptor, name = tempfile.mkstemp(prefix=f".{path.name}-", dir=path.parent)
     try:
         with os.fdopen(descriptor, "wb") as stream:

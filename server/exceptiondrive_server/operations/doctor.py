@@ -310,7 +310,7 @@ def _client(url: str) -> redis.Redis:
 
 
 def _of_config(client: redis.Redis, name: str) -> str | None:
-    """Return a value of the broker's configuration; None where it refuses to tell."""
+    """Return a value of the broker's configuration; None if the broker refuses."""
     try:
         found = client.config_get(name)
     except redis.exceptions.ResponseError:
@@ -380,7 +380,7 @@ def _check_mount(database: Database, url: str) -> Iterator[Finding]:
 
 
 def _receipt_key(path: Path) -> Iterator[Finding]:
-    """One that is not there is made when a receipt is asked for first, where that can be."""
+    """Check the receipt key; a missing one is created with the first receipt, if its folder allows."""
     if not os.path.exists(path):  # False where its folder is closed
         folder = next(parent for parent in path.absolute().parents if os.path.isdir(parent))
         if not os.access(folder, os.W_OK | os.X_OK):

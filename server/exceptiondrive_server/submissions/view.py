@@ -68,7 +68,7 @@ def status_of(submission: SubmissionView) -> Status:
 
 
 def place_words(queue: QueuePlace) -> str:
-    """Say how many stand ahead and how long that may take; of a file in work, what if its worker is lost."""
+    """Say how many jobs are ahead and the expected wait; for a running job, what happens if its worker is lost."""
     if queue.workers_alive == 0:
         return f"{_ahead_words(queue.position)}; no worker can score it right now, it starts when one can"
     if queue.lease_until is not None:
@@ -79,7 +79,7 @@ def place_words(queue: QueuePlace) -> str:
 
 
 def steps_of(submission: SubmissionView) -> tuple[StatusStep, ...]:
-    """Return the way to the end: a file that was not scored ends with what happened to it."""
+    """Return the steps of a submission's progress; one that was not scored ends with its outcome."""
     status = submission.status
     if status in STEPS:
         now = STEPS.index(status)
@@ -160,7 +160,7 @@ def policy_sentences(
 def actions_of(
     seen: SubmissionView, policy: PhasePolicy, *, has_closed: bool, can_publish: bool
 ) -> tuple[tuple[str, str], ...]:
-    """Return what the team may say of a submission now: end of the address, and words."""
+    """Return the team's present options for a submission: end of the URL, and label."""
     if seen.is_asked:
         return (("confirm", "Confirm it"),)
     may_stand = seen.status is SubmissionStatus.SCORED and seen.disqualified_at is None
@@ -200,7 +200,7 @@ RUN_RULES: Mapping[RunRule, str] = {
 
 
 def standing(seen: SubmissionView, policy: PhasePolicy) -> str:
-    """Say in a word or two how it stands in the policy of its phase; empty: nothing to say."""
+    """Return its status in the policy of its phase in a word or two; empty if there is none."""
     if seen.status is not SubmissionStatus.SCORED:
         return ""
     words = (

@@ -79,7 +79,7 @@ def _filled(field: FormField, texts: Mapping[str, str], kept: Mapping[str, str])
 
 
 def posted_texts(form: FormData) -> dict[str, str]:
-    """Return what was typed, to be shown again; several ticks of one name stand in one text."""
+    """Return what was typed, to be shown again; several ticks of one name are joined in one text."""
     return {
         name: " ".join(value for value in form.getlist(name) if isinstance(value, str))
         for name in form
@@ -189,7 +189,7 @@ def _in_short(field: FormField, kept: Mapping[str, str]) -> str:
 
 
 def _text_digest(text: str) -> str:
-    """Return what stands for a text, however a browser ends its lines."""
+    """Return a digest of a text that ignores how a browser ends lines."""
     plain = text.replace("\r\n", "\n").strip()
     return hashlib.sha256(plain.encode()).hexdigest()[:16]
 

@@ -13,7 +13,7 @@ _DIRECTIONS = {
 
 
 class Term(NamedTuple):
-    """A word as it stands on a page, and what it means."""
+    """A term as shown on a page, and its meaning."""
 
     title: str
     meaning: str

@@ -123,7 +123,7 @@ def organizer_page(
 
 
 def _sections(principal: Principal) -> tuple[tuple[str, str, str], ...]:
-    """Whoever is confined to phases is led to these alone."""
+    """The sections of the menu; an organizer confined to phases sees only theirs."""
     if principal.is_organizer:
         return SECTIONS
     return tuple((each, each, f"/organize/phases/{each}") for each in sorted(principal.phases))
@@ -136,7 +136,7 @@ def go(path: str, done: str | None = None) -> Response:
 
 
 def has_text(find: str, *texts: str) -> bool:
-    """Whether each word that is looked for stands in one of the texts; no word: yes."""
+    """Whether each searched word is in one of the texts; True without words."""
     text = " ".join(texts).casefold()
     return all(word in text for word in find.casefold().split())
 

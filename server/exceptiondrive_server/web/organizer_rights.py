@@ -125,7 +125,7 @@ def require_order_right(principal: Principal, change: PhaseChange) -> None:
 
 
 def _as_in_tables(path: str) -> str:
-    """Return a path as it stands below those of API and pages: an action is the same by both."""
+    """Return a path without the prefix of API or pages: an action is the same in both."""
     return path.removeprefix("/api/v1/organizer").removeprefix("/organize")
 
 
