@@ -213,7 +213,7 @@ class PhaseSettings(Document):
         default=20,
         ge=1,
         le=10_000,
-        title="Wrong files per day",
+        title="Faulty files per day",
         description="Per team and UTC day: files that are rejected, or that the server fails to score.",
     )
     shows_reported: bool = Field(

@@ -111,9 +111,9 @@ class RejectedCapExceeded(RecordsError):
         self.limit = limit
         self.resets_at = resets_at
         super().__init__(
-            f"{limit} files of your team brought no score today, which is the limit; wrong ones count, and sound "
-            f"ones that could not be scored. The next day begins at {resets_at:%Y-%m-%d %H:%M} UTC. A submission says "
-            "what was wrong with its file; `exceptiondrive check FILE --phase PHASE` says it before you submit."
+            f"{limit} files of your team brought no score today, which is the limit; faulty ones count, and "
+            f"sound ones that could not be scored. The next day begins at {resets_at:%Y-%m-%d %H:%M} UTC. A submission says "
+            "what is wrong with its file; `exceptiondrive check FILE --phase PHASE` says it before you submit."
         )
 
 
