@@ -1,4 +1,4 @@
-"""The SDK: what speaks for a team to one server, its submissions and its tokens."""
+"""The SDK: a client of one server for a team, its submissions and its tokens."""
 
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -473,9 +473,9 @@ class Client(Connection):
     ) -> Submission:
         """Check a file on this machine, then upload it.
 
-        What would take the place of another entry of the team, or be scored and not ranked, is sent
-        only where that is said to be meant; bytes that were submitted before always are. A request that is sent again, as the network failed, carries the same `Idempotency-Key`: it
-        never counts twice.
+        A file that would replace another entry of the team, or be scored but not ranked, is sent only if
+        you say so; bytes that were submitted before always are. Retries after a network failure carry
+        the same `Idempotency-Key`, so that they never count twice.
 
         Args:
             file: The submission: a path, bytes, an open file, a mapping, arrays or a data frame.
@@ -663,7 +663,7 @@ class Client(Connection):
     def notices(
         self, *, unread: bool = False, limit: int | None = 100
     ) -> "tuple[NotificationView, ...]":
-        """Return what the team was told, newest first.
+        """Return the team's notices, newest first.
 
         Args:
             unread: Only what was not read yet.
@@ -694,11 +694,11 @@ class Client(Connection):
         return read_answer(NotificationView.read, answer)
 
     def contacts(self) -> list[Record]:
-        """Return the addresses at which the team is told besides its inbox."""
+        """Return the team's addresses for notices, besides its inbox."""
         return self._transport.records("/contacts")
 
     def add_contact(self, address: str, wishes: Sequence[str] = ("updates",)) -> Record:
-        """Be told at an address; the secret of a webhook is under `secret`, shown this once.
+        """Add an address for notices; a webhook's secret is under `secret`, only in this response.
 
         Args:
             address: E-mail address, which has to be confirmed by who reads there, or https address.
@@ -715,7 +715,7 @@ class Client(Connection):
         )
 
     def remove_contact(self, contact_id: str) -> Record:
-        """Be told no longer at an address."""
+        """Remove an address for notices."""
         return self._transport.post_once(f"/contacts/{quoted(contact_id)}/remove", {})
 
     def withdraw(self, submission_id: str) -> SubmissionView:
@@ -723,7 +723,7 @@ class Client(Connection):
         return self._post_action(submission_id, "withdraw")
 
     def choose(self, submission_id: str, rule: RunRule = "this") -> SubmissionView:
-        """Say which run stands on the board; the last word before the deadline counts.
+        """Choose which run counts on the board; the last choice before the deadline holds.
 
         Args:
             submission_id: What stands for the team, in a phase that shows one entry of each; a run of

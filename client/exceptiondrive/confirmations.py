@@ -1,4 +1,4 @@
-"""Sign, with a key that is on no server, that a split may be scored under a protocol.
+"""Sign, with a key kept off all servers, that a split may be scored under a protocol.
 
 Needs the extra `receipts`. The public half of the key stands beside the split, in `floors.toml`.
 """

@@ -1,7 +1,7 @@
 """The data of a phase: the organizer's list of files, downloaded, resumed and checked.
 
-The list and the files may lie anywhere. No token is ever sent there, only https is spoken (http to this
-very machine apart), and nothing is written outside of the folder that was named.
+The list and the files may be hosted anywhere. No token is ever sent there, only https is used (or http
+to this machine), and nothing is written outside the folder that was named.
 """
 
 import hashlib

@@ -80,11 +80,11 @@ class Organizer(Connection):
         return self._do("teams", team_id, "merge", into=into, reason=reason)
 
     def forget_team(self, team_id: str, reason: str) -> Record:
-        """Take everything personal of a team out of the records; its alias is answered."""
+        """Delete all personal data of a team; return its alias."""
         return self._do("teams", team_id, "forget", reason=reason)
 
     def import_teams(self, csv: str) -> Record:
-        """Make the `teams` of a table, each with a token that is answered once: all or none."""
+        """Create the `teams` of a table, each with a token that is shown only here: all or none."""
         return self._do("team-imports", csv=csv)
 
     def set_allowance(
@@ -178,7 +178,7 @@ class Organizer(Connection):
         return read_answer(VerificationView.read, self._transport.post(path, lambda: said, False))
 
     def restore_submission(self, submission_id: str, reason: str) -> Record:
-        """Let a withdrawn submission stand again."""
+        """Restore a withdrawn submission."""
         return self._do_with(submission_id, "restore", reason=reason)
 
     def write_about(self, submission_id: str, words: str) -> Record:

@@ -1,4 +1,4 @@
-"""What an upload will do, told before anything is sent."""
+"""Predict the effect of an upload before anything is sent."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Read what planners of the field write: one run of trajectories by token.
+"""Read the output formats of common planners: one run of trajectories by token.
 
 A submission needs two runs of a planner, on the source and on the edited inputs. Every form is that
 of the planner's published code. Pickles are never loaded: where a planner writes one, the docs have

@@ -1,4 +1,4 @@
-"""Which server and which phase: an option, then the environment, then `config.toml`.
+"""Default server and phase: from an option, then the environment, then `config.toml`.
 
     server = "https://board.example.org"
     phase = "dev"

@@ -1,3 +1,3 @@
-"""The version of the client, and of server and worker, which ask for the very same."""
+"""The version of the client, which server and worker require to be the same."""
 
 __version__ = "0.1.0"

@@ -1,4 +1,4 @@
-"""Trajectories of a table that has one waypoint a row: CSV, Parquet, a data frame."""
+"""Read trajectories from a table with one waypoint a row: CSV, Parquet, a data frame."""
 
 import math
 from collections import Counter

@@ -76,7 +76,7 @@ class ChallengeWords(Document):
     answers: str
     """What the file holds: "trajectories", "answers"."""
     task: str
-    """Goes on after "ExceptionDrive puts a hazard into a driving scene and"."""
+    """Continues "ExceptionDrive adds a hazard to a driving scene and"."""
     scene_caption: str
     """Under the drawing; `{clearance_m}`, `{d_safe_m}` and `{hcc}` are filled in."""
     sample_note: str
@@ -101,8 +101,8 @@ PLANNING_WORDS = ChallengeWords(
     subject="planner",
     subjects="planners",
     answers="trajectories",
-    task="scores what a planner would drive.",
-    withheld="Where the hazards lie, nobody outside can see.",
+    task="scores the path that a planner would drive.",
+    withheld="The hazard regions are withheld.",
     scene_caption="A scene with a hazard from above, to scale. **UR** counts the samples in which "
     "the area that the car sweeps touches the red hazard. **HCC** pays for the distance kept, up to "
     "the amber line: here d = {clearance_m:.2f} of {d_safe_m:.2f} m, so {hcc:.2f}. **CTS** is the "
@@ -110,8 +110,8 @@ PLANNING_WORDS = ChallengeWords(
     sample_note="samples, without and with a hazard",
     headline=HeadlineWords(
         question="Which planner keeps clear of the hazard?",
-        leads="it earns {first} of the credit for keeping its distance (HCC); its share of hazards hit is "
-        "{second} (UR)",
+        leads="it earns {first} of the credit for keeping its distance (HCC) and hits the hazard in "
+        "{second} of samples (UR)",
         by_share=(
             (0.501, "{even_the} planner hits the hazard {often}."),
             (0.1, "{the} planner hits the hazard {often}."),
@@ -122,9 +122,9 @@ PLANNING_WORDS = ChallengeWords(
         x="progress",
         y="hcc",
         title="Safety against progress",
-        note="Standing still is safe, and no driving. Progress is how far along its own path in the "
-        "original scene a planner still gets once the hazard is there. A parked car stands alone at "
-        "the left; better is up, with no more progress given up than the hazard asks for.",
+        note="Standing still is safe, but it is not driving. Progress is how far along its own path in "
+        "the original scene a planner still gets once the hazard is there. A parked car is alone at the "
+        "left; better is up, without giving up more progress than the hazard requires.",
         corners={"top left": "safe, gets nowhere", "top right": "safe, and gets on"},
     ),
     outcome=(
@@ -166,14 +166,14 @@ STRATEGY_WORDS = ChallengeWords(
     subjects="agents",
     answers="answers",
     task="scores what an agent says to do about it.",
-    withheld="Which scene is which task, nobody outside can see.",
+    withheld="The task of each scene is withheld.",
     scene_caption="A scene with a hazard from above, to scale. The agent answers with a strategy: "
     "**A** maintain path, **B** slow down, **C** stop, **D** yield, **E** prepare to bypass. "
     "**Under-warning** counts answers that are wrong and too careless.",
     sample_note="samples, with a hazard",
     headline=HeadlineWords(
         question="Which agent is careful enough?",
-        leads="its share of acceptable answers is {first}, of too careless ones {second}",
+        leads="{first} of its answers are acceptable, {second} too careless",
         by_share=(
             (0.1, "{even_the} agent is too careless {often}."),
             (0.0, "{the} agent is careful enough {rest}."),
@@ -381,7 +381,7 @@ PLANNING = Challenge(
             unit="fraction",
             better="higher",
             role="primary",
-            meaning="Of each sample: zero in the hazard, then grows with the distance kept until the "
+            meaning="For each sample: zero in the hazard, then growing with the distance kept until the "
             "required clearance is met.",
             formula=formulas.HCC,
         ),
@@ -445,7 +445,7 @@ PLANNING = Challenge(
             may_be_undefined=True,
             shown="extra column",
             meaning="How far along its own path of the original scene the planner still gets: 0 for "
-            "standing still, backing and sliding sideways. Driving on is not the same as driving "
+            "standing still, reversing or moving sideways. Driving on is not the same as driving "
             "safely.",
             formula=formulas.PROGRESS,
         ),

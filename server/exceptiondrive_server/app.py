@@ -27,7 +27,7 @@ MULTIPART_OVERHEAD_BYTES = 64 * 1024
 
 
 def create_app(settings: ServerSettings) -> FastAPI:
-    """Return the application over what the settings name."""
+    """Return the application with these settings."""
     app = FastAPI(
         title="ExceptionDrive leaderboard",
         version=API_VERSION,

@@ -92,7 +92,7 @@ def test_an_organizer_is_forgotten_once_the_role_is_taken(api: "Api") -> None:
         set_organizer(session, ben, OrganizerRole.HELPER, actor="test")
     path = f"/organizer/people/{ben}"
     refused = api.post(f"{path}/forget", "organizer", json=WHY)
-    assert (refused.status_code, "take their role first" in refused.text) == (409, True)
+    assert (refused.status_code, "remove their role first" in refused.text) == (409, True)
     assert api.post(f"{path}/organizer", "organizer", json={"is_organizer": False}).is_success
     told = api.post(f"{path}/forget", "organizer", json=WHY)
     assert (told.json()["name"], told.json()["email"]) == ("Former participant", None)
@@ -143,7 +143,7 @@ def test_whoever_takes_a_role_or_forgets_is_told_which_tokens_work_on(
         find_invitation(session, link, None)
     for token in told["still_work"]:
         assert api.post(f"/organizer/tokens/{token['id']}/revoke", "organizer").is_success
-    assert "Made tokens" not in owner.get(f"{page}/forget").text
+    assert "Tokens that they made" not in owner.get(f"{page}/forget").text
     assert api.post(f"{path}/forget", "organizer", json=WHY).json()["still_work"] == []
 
 

@@ -318,7 +318,7 @@ def test_no_page_offers_what_the_role_may_not_do(
         assert page.status_code != 403, path
         if "text/html" in page.headers.get("content-type", ""):
             if path != "/organize/site":  # a section of the navigation, to be read by every role
-                assert "It would be refused now.</b> This needs" not in page.text, path
+                assert "This would be refused now.</b> This needs" not in page.text, path
             links = re.findall(r'href="(/organize[^"#]*)', page.text)
             todo += {html.unescape(link) for link in links} - seen - set(todo)
         elif "location" in page.headers:

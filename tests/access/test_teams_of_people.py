@@ -405,7 +405,10 @@ def test_an_organizer_who_acts_for_a_team_reads_how_to_organize(
     ada.sign_in(back=link)
     ada.post(link, {}, page=link)
     refused = ada.get("/organize")
-    assert (refused.status_code, "chooses so on the page Team" in refused.text) == (403, True)
+    assert (
+        refused.status_code,
+        "choose to act as an organizer on the page Team" in refused.text,
+    ) == (403, True)
 
 
 def test_an_organizer_without_a_team_finds_the_way_to_organize(

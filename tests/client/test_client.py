@@ -126,7 +126,7 @@ def test_a_withdrawal_says_what_stands_again_behind_a_hundred_newer_submissions(
     canned_server.answer("POST /submissions/abc/withdraw", 200, gone)
     canned_server.answer("GET /submissions/old", 200, before)
     done = CliRunner().invoke(app, ["withdraw", "abc", "--yes", "--server", canned_server.url])
-    assert "there stands again old " in done.stdout
+    assert "the next board shows old " in done.stdout
 
 
 def test_an_upload_that_went_well_is_0_though_the_quota_cannot_be_asked_for_afterwards(

@@ -68,7 +68,7 @@ def test_a_team_gets_a_token_that_works_until_it_is_revoked(running: "Running") 
 def test_a_team_is_made_with_its_first_token(running: "Running") -> None:
     made = organize(running, "teams", "create", "gamma", "Gamma", "--with-token")
     token = made.stdout.strip()
-    assert "shown this once" in made.stderr
+    assert "shown only once" in made.stderr
     with Client(running.url, token) as client:
         assert client.me().team == "Gamma"
 
@@ -97,18 +97,18 @@ def test_a_phase_is_made_on_a_registered_split(running: "Running") -> None:
     told, _, note = made.stdout.partition("\n")
     assert (made.exit_code, told) == (
         0,
-        "phase test made, 4 samples, protocol 1.0, quota 5 a day",
+        "phase test created, 4 samples, protocol 1.0, quota 5 a day",
     )
     assert note.startswith("its teams are told: This split has no recorded drives")
-    assert "takes no files now" not in note
+    assert "accepts no files now" not in note
     over = ("phases", "create", "over", "--title", "Over", "--split", "tiny")
     made = organize(running, *over, "--closes-at", "2020-01-01T00:00:00Z")
-    assert made.stdout.endswith("\nit takes no files now: look at its dates and visibility\n")
+    assert made.stdout.endswith("\nit accepts no files now: check its dates and visibility\n")
     with Client(running.url) as client:
         assert client.phase("test").quota_per_day == 5
     add_split(running.context.database, running.context.splits.folder, split_of(SAMPLES, "parted"))
     made = organize(running, "phases", "create", "p", "--title", "P", "--split", "parted")
-    assert made.stdout.startswith("phase p made, 2 samples, ")
+    assert made.stdout.startswith("phase p created, 2 samples, ")
     few = ("phases", "create", "few", "--title", "Few", "--split", "tiny", "--quota-total", "20")
     assert " a day, 20 in all\n" in organize(running, *few).stdout
     unknown = organize(running, "phases", "create", "x", "--title", "X", "--split", "none")
@@ -161,7 +161,7 @@ def test_what_nobody_can_mean_is_refused_at_home(
 def test_a_tampered_audit_log_is_found(running: "Running") -> None:
     whole = organize(running, "audit", "verify")
     assert whole.exit_code == 0
-    assert "is whole" in whole.stdout
+    assert "is intact" in whole.stdout
     head = whole.stdout.split()[-1]
     assert organize(running, "audit", "verify", "--head", head).exit_code == 0
     cut = organize(running, "audit", "verify", "--head", "f" * 64)
@@ -249,7 +249,7 @@ def test_a_season_with_teams_from_the_command_line(running: "Running", tmp_path:
     assert organize(running, *to, "--yes").exit_code == 4
     to_all = organize(running, *to[:4])
     assert to_all.exit_code == 2
-    assert "Send this to 3 teams? It cannot be called back. Nothing was sent." in " ".join(
+    assert "Send this to 3 teams? It cannot be recalled. Nothing was sent." in " ".join(
         to_all.stderr.split()
     )
     merge = ("teams", "merge", "alef", "--into", "bet", *why)
@@ -270,10 +270,12 @@ def test_a_season_with_teams_from_the_command_line(running: "Running", tmp_path:
                 True,
             )
             assert ("Its tokens are revoked" in asked.stderr) == (action is merge)
-        assert "one alone stands" in " ".join(organize(running, *merge).stderr.split())
+        assert "Only one run of a method counts" in " ".join(
+            organize(running, *merge).stderr.split()
+        )
         assert standings(running)["alef"] == ""
         merged = organize(running, *merge, "--yes")
-    assert merged.stdout == "team alef is part of bet now, and brought no submissions\n"
+    assert merged.stdout == "team alef is now part of bet, and brought no submissions\n"
     shown = organize(running, "teams", "show", "bet").stdout
     assert "quota per day" in shown
     assert shown.startswith("Beth\n")
@@ -300,7 +302,7 @@ def test_a_table_in_an_encoding_of_old_makes_no_team(running: "Running", tmp_pat
     assert (refused.exit_code, "save it as UTF-8" in refused.stderr) == (2, True)
     table.write_text("id\tname\ndalet\tDalet, third\n", encoding="utf-8-sig")
     made = organize(running, "teams", "import", table)
-    assert (made.exit_code, "1 team made" in made.stderr) == (0, True)
+    assert (made.exit_code, "1 team created" in made.stderr) == (0, True)
 
 
 def test_what_is_done_with_a_submission_from_the_command_line(
@@ -318,7 +320,7 @@ def test_what_is_done_with_a_submission_from_the_command_line(
     assert back.stdout == f"submission {sent.id} is received\n"
     assert organize(running, *of, "restore", sent.id, "--reason", "again").exit_code == 4
     told = organize(running, *of, "note", sent.id, "--words", "It stands again.")
-    assert told.stdout.startswith("Alpha is told: notice ")
+    assert told.stdout.startswith("sent to Alpha: notice ")
     words_file = tmp_path / "words.txt"
     words_file.write_text("It stays.", encoding="utf-8")
     page = f"{running.url}/submissions/{sent.id}"
@@ -590,5 +592,5 @@ def test_who_takes_a_role_or_forgets_a_person_reads_which_tokens_work_on(
     for words in (("set", "ben"), ("forget", "ben", "--yes", "--reason", "why")):
         done = CliRunner().invoke(app, ["organizer", "people", *words], env=to)
         assert done.exit_code == 0, done.stderr
-        assert "tokens that they made work on; revoke these too" in done.output
+        assert "tokens that they made keep working; revoke these too" in done.output
         assert "q3  door  (edk_s_q3, made by Ben)" in done.output

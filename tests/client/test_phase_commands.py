@@ -123,7 +123,7 @@ def test_a_board_is_frozen_and_revealed(working: "Running", planning_file: MakeF
     frozen = organize(working, "freeze", "test", *REASON)
     assert frozen.exit_code == 0, frozen.stderr
     assert re.fullmatch(
-        r"the board of test is frozen since .*; organizer phases reveal test --what board .*\n",
+        r"the board of test has been frozen since .*; organizer phases reveal test --what board .* ends the freeze\n",
         frozen.stdout,
     )
     assert shown(working)["now"]["frozen_since"] is not None

@@ -125,4 +125,4 @@ def test_a_token_that_reads_nothing_submits_what_it_may_replace_and_waits_for_no
     (one,) = json.loads(run(working, "submissions", "--json").stdout)
     gone = run(working, "withdraw", one["id"], token=sender)
     assert gone.exit_code == 0, gone.stderr
-    assert gone.stdout.startswith(f"{one['id']} withdrawn: what takes its place cannot be told")
+    assert gone.stdout.startswith(f"{one['id']} withdrawn: without the scope read:own")

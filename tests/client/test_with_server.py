@@ -243,10 +243,10 @@ def test_a_withdrawal_asks_and_says_what_stands_again(
         stranger = run(working, "withdraw", second["id"], token="edk_s_unknown")
         assert (stranger.exit_code, "Withdraw" in stranger.stderr) == (4, False)
         told = run(working, "withdraw", second["id"], "--yes").stdout
-    assert f"withdrawn: with the next board there stands again {first['id']} (HCC " in told
+    assert f"withdrawn: the next board shows {first['id']} (HCC " in told
     assert "no other run takes its place" in run(working, "withdraw", first["id"]).stdout
     again = run(working, "withdraw", second["id"]).stdout
-    assert again == f"{second['id']} withdrawn: it was so before, and nothing changed\n"
+    assert again == f"{second['id']} withdrawn: it was withdrawn before, and nothing changed\n"
 
 
 def test_a_link_is_told_by_status_and_before_what_ends_it(
@@ -270,7 +270,7 @@ def test_a_link_is_told_by_status_and_before_what_ends_it(
     assert f"Without the reminder it is {plain['id']}; by the reminder Accuracy +" in " ".join(
         told.split()
     )
-    lost = f"The board then tells no effect of the reminder in {linked['id']}."
+    lost = f"The board then shows no effect of the reminder in {linked['id']}."
     with monkeypatch.context() as on_terminal:
         for module in ("output", "submission_commands"):
             on_terminal.setattr(f"exceptiondrive.cli.{module}.can_ask", lambda: True)
@@ -293,9 +293,9 @@ def test_a_withdrawal_after_the_deadline_says_that_the_place_stays_empty(
     with working.context.database.write() as session:
         find_phase(session, "dev").closes_at = database_now(session)
     told = run(working, "withdraw", second["id"], "--yes").stdout
-    assert "stands again" not in told
-    assert f"the run before, {first['id']} (HCC " in told
-    assert "takes no place now" in told
+    assert "shows" not in told
+    assert f"the previous run, {first['id']} (HCC " in told
+    assert "is not ranked now" in told
     assert "the place stays empty" in " ".join(told.split())
 
 

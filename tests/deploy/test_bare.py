@@ -228,7 +228,7 @@ def test_run_again_it_adds_a_secret_that_an_older_version_did_not_ask_for(folder
     secret.unlink()
     done = init(folder)
     assert done.exit_code == 0
-    assert "secrets that were made: oidc_client_secret\n" in done.stderr
+    assert "new secrets: oidc_client_secret\n" in done.stderr
     assert (secret.read_text(), mode(secret)) == ("", (OWNER, 0o400))
 
 

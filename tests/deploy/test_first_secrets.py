@@ -118,7 +118,7 @@ def test_run_again_it_adds_what_is_missing_and_keeps_what_is_there(folder: Path)
     assert {stat.S_IMODE(path.stat().st_mode) for path in folder.iterdir()} == {0o644}
     again = init(folder)
     assert "nothing, every file is there" in again.stderr
-    assert "signs itself" not in again.stderr
+    assert "is self-signed" not in again.stderr
 
 
 @pytest.mark.parametrize(

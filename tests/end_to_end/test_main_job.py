@@ -360,5 +360,5 @@ def test_killing_the_worker_and_emptying_the_broker_loses_and_doubles_nothing(
         assert_published(told["sheet"]["macro_family"], naive["macro_family"])
     counted = [each["id"] for each in job.system.submissions(job.token)]
     assert sorted(each for each in counted if each in sent) == sorted(sent)
-    assert "the audit log is whole" in job.system.organize("audit", "verify")
+    assert "the audit log is intact" in job.system.organize("audit", "verify")
     job.system.operate("exceptiondrive-server", "verify")

@@ -215,4 +215,6 @@ def test_nobody_else_on_the_machine_reads_records_or_logs(running: Running) -> N
 def test_started_as_one_user_it_says_what_that_means(running: Running) -> None:
     """The folders of pytest are closed to other users, so that root can give none to the server."""
     running.wait_until(has_started)
-    assert "who takes over the web process can read withheld regions" in running.said.read_text()
+    assert (
+        "whoever takes over the web process can read withheld regions" in running.said.read_text()
+    )

@@ -128,7 +128,7 @@ def test_a_restore_says_that_a_new_key_signs_receipts_where_the_former_is_not_pu
     write_backup(lived.database, lived.files, tmp_path / "backup.tar")
     data = tmp_path / "new"
     done = CliRunner().invoke(app, ["restore", f"{tmp_path}/backup.tar", "--data", str(data)])
-    assert (done.exit_code, "put the key that signs receipts back" in done.stderr) == (0, True)
+    assert (done.exit_code, "put back the key that signs receipts" in done.stderr) == (0, True)
     restored = Database(f"sqlite:///{data}/records.sqlite3")
     keys = ReceiptSigner(data / "receipt-key.pem", restored).keys()
     restored.dispose()
@@ -238,7 +238,7 @@ def test_a_file_store_that_takes_nothing_is_told_with_what_to_do(
     files = FileStore((tmp_path / "other").as_uri())
     (tmp_path / "other").rmdir()
     (tmp_path / "other").touch()
-    with pytest.raises(BackupError, match="says: in a new folder"):
+    with pytest.raises(BackupError, match="says: name a new folder"):
         restore_backup(tmp_path / "backup.tar", f"sqlite:///{sqlite_path}", files)
 
 
@@ -344,7 +344,7 @@ def test_a_backup_without_uploads_that_ends_between_two_tables_restores_nothing(
     with tarfile.open(whole) as archive:
         ends_at = archive.getmembers()[3].offset
     whole.write_bytes(whole.read_bytes()[:ends_at])
-    with pytest.raises(BackupError, match="is not a whole backup"):
+    with pytest.raises(BackupError, match="is not a complete backup"):
         restore_backup(whole, f"sqlite:///{sqlite_path}", files)
 
 
@@ -396,14 +396,14 @@ def test_damaged_rows_in_the_backup_are_told(lived: Lived, sqlite_path: Path, at
     data[member.offset_data + at % member.size] ^= 0xFF
     path.write_bytes(data)
     files = FileStore((sqlite_path.parent / "restored").as_uri())
-    with pytest.raises(BackupError, match="is not a whole backup"):
+    with pytest.raises(BackupError, match="is not a complete backup"):
         restore_backup(path, f"sqlite:///{sqlite_path}", files)
 
 
 def test_what_is_no_backup_is_refused(sqlite_path: Path) -> None:
     path = sqlite_path.parent / "notes.txt"
     path.write_text("hello")
-    with pytest.raises(BackupError, match="not a whole backup"):
+    with pytest.raises(BackupError, match="not a complete backup"):
         restore_backup(path, f"sqlite:///{sqlite_path}", FileStore("memory://"))
 
 

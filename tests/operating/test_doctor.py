@@ -219,13 +219,13 @@ def test_a_broker_that_asks_for_another_password_is_there(
         (finding,) = troubles(healthy)
         client.config_set("requirepass", "")
     assert finding.severity is Severity.WARNING
-    assert finding.what.startswith("the broker asks for another password than ")
+    assert finding.what.startswith("the broker expects another password than ")
 
 
 def test_a_broker_that_tells_nothing_of_its_settings_answers_all_the_same(
     healthy: ServerSettings, broker: Any
 ) -> None:
-    said = "the broker answers; whether it evicts anything it does not tell"
+    said = "the broker answers, but does not say whether it evicts anything"
     with broker.client() as client:
         client.execute_command("ACL", "SETUSER", "default", "-config")
     assert troubles(healthy) == []
@@ -271,7 +271,7 @@ def test_an_empty_folder_of_uploads_that_the_records_mention_is_an_error(
     (finding,) = troubles(healthy)
     assert finding.severity is Severity.ERROR
     assert finding.what == (
-        f"{lived.uploads} is empty, and the records mention uploads: new ones are refused"
+        f"{lived.uploads} is empty, but the records mention uploads: new ones are refused"
     )
 
 
@@ -298,7 +298,7 @@ def test_a_store_and_a_place_of_the_receipt_key_of_another_user_are_named(
         EXCEPTIONDRIVE_RECEIPT_KEY_FILE=str(key),
     )
     assert f"error   this user may not enter {store}, which is of user 0" in said
-    assert f"there is no key {key}, and this user can make none there" in said
+    assert f"there is no key {key}, and this user cannot create one there" in said
     assert not key.exists()
 
 
@@ -324,7 +324,7 @@ def test_missing_workers_and_reconcilers_are_named(healthy: ServerSettings, live
         take_lead(session, "sweep", "somebody", 60)
     assert whats(healthy) == (
         "No worker is alive: nothing is scored. Nothing is lost meanwhile. | No reconciler leads: webhooks, "
-        "mail and rescoring wait, and what was lost is not found again."
+        "mail and rescoring wait, and lost work is not found again."
     )
 
 
@@ -402,7 +402,7 @@ def test_records_that_are_read_only_are_an_error(
     finally:
         database.dispose()
     (finding,) = (each for each in found if each.severity is Severity.ERROR)
-    assert finding.what == "the records can be read and not written: uploads are refused"
+    assert finding.what == "the records can be read but not written: uploads are refused"
 
 
 def test_an_old_schema_is_an_error(healthy: ServerSettings, empty_database_url: str) -> None:

@@ -26,10 +26,10 @@ def test_an_update_says_what_it_changed_and_keeps_its_reason(life: "Life") -> No
         add_protocol(session, toml, "test")
     life.apply(life.start_run(protocol="1.1"))
     first, *others = life.get("/feed.atom?phase=test").text.split("<entry>")[1:]
-    assert "fewest scenes that an interval takes 2 -&gt; 5" in first
+    assert "fewest scenes for an interval 2 -&gt; 5" in first
     assert "fewest scenes" not in "".join(others)
     sentences = first.split("<summary>")[1].split("</summary>")[0]
-    assert "takes 2 -&gt; 5. " in sentences, "each change ends before the next one begins"
+    assert "interval 2 -&gt; 5. " in sentences, "each change ends before the next one begins"
     assert ".." not in sentences
     assert "as announced" not in "".join([first, *others]), "reasons stay with the organizers"
 

@@ -174,7 +174,7 @@ def test_an_agent_with_a_reminder_is_linked_to_the_one_without_in_the_browser(
     page = alpha.get(f"/submissions/{rows['With']['submission_id']}").text
     link = f'<a href="/submissions/{without.json()["id"]}">{without.json()["id"]}</a>'
     assert f"Without the reminder it is {link}; by the reminder Accuracy +" in page
-    lost = "What a reminder changed against it is then told no more."
+    lost = "What a reminder changed against it is then no longer shown."
     assert lost not in page, "nothing is linked to one with records"
     page = alpha.get(f"/submissions/{without.json()['id']}").text
     assert lost in page

@@ -107,7 +107,7 @@ def test_a_question_is_answered_to_the_team_alone(open_phase: "Life", by: str) -
     life, organizer = open_phase, visitor(open_phase, "organizer")
     question = asked(life, by)
     assert last_line(life) == ("question asked", question["id"])
-    assert "1 question of teams waits for an answer" in organizer.get("/organize").text
+    assert "1 question from teams waits for an answer" in organizer.get("/organize").text
     page = f"/organize/news/questions/{question['id']}"
     assert page in organizer.get("/organize/news").text
     assert '<td data-k="phase">Test</td>' in organizer.get("/organize/news").text

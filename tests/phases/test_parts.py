@@ -488,14 +488,14 @@ def test_what_a_freeze_hid_and_a_reveal_showed_opens_nothing_again(life: "Life")
     life.done("/phases/test/freeze")
     life.submit("alpha", PUBLIC_ONLY, "M", "plain")
     shown = {"policy": {"frozen_scores": "shown"}}
-    words = "cannot change any more"
+    words = "can no longer change"
     assert words in life.refused("/phases/test", shown, 409, "PATCH"), "during the freeze"
     life.move(closes_at=life.now())
     life.done("/phases/test/reveal", {"what": "board", "reason": "the end"})
     assert words in life.refused("/phases/test", shown, 409, "PATCH")
     for later in (life.ahead(60), None):
         refused = life.refused("/phases/test", {"closes_at": later}, 409, "PATCH")
-        assert "Make another phase" in refused
+        assert "Create another phase" in refused
     grant = {"closes_at": life.ahead(60), "reason": "ill"}
     assert "revealed" in life.refused("/teams/alpha/allowances/test", grant, 409, "PATCH")
 
@@ -516,7 +516,7 @@ def test_the_reveal_waits_for_the_deadline_then_flips_the_board_once(life: "Life
     preview = life.json(f"/api/v1/organizer/rescoring/{run}/preview", "organizer")
     organizer, waits = (
         visitor(life, "organizer"),
-        "ready, but something stands in the way of applying",
+        "ready, but something prevents applying",
     )
     for address in ("/organize", f"/organize/rescoring/{run}"):
         assert waits in organizer.get(address).text
@@ -534,7 +534,7 @@ def test_the_reveal_waits_for_the_deadline_then_flips_the_board_once(life: "Life
     assert "counts 3 samples, the private part of the split." in life.get("/?phase=test").text
     for later in (life.ahead(60), None):  # the private part would answer live uploads
         refused = life.refused("/phases/test", {"closes_at": later}, 409, "PATCH")
-        assert "Make another phase" in refused
+        assert "Create another phase" in refused
     assert life.board(f"&as_of={since}")["part"] == "public"
     assert life.get("/api/v1/boards/test/1").text == old
     changes = life.json("/api/v1/boards?phase=test")[0]["what_changed"]
@@ -550,7 +550,7 @@ def test_the_reveal_waits_for_the_deadline_then_flips_the_board_once(life: "Life
         life.get(f"/rescoring/{run}"),
         visitor(life, "organizer").get(f"/organize/rescoring/{run}/preview"),
     ):
-        assert "other samples count, or the same ones" in page.text
+        assert "different samples count, or the same ones" in page.text
 
 
 def test_a_reveal_that_is_rolled_back_stays_known(life: "Life") -> None:
@@ -564,7 +564,7 @@ def test_a_reveal_that_is_rolled_back_stays_known(life: "Life") -> None:
     life.done(f"/rescoring/{run}/rollback", {"reason": "a mistake"})
     assert life.json("/api/v1/phases/test")["now"]["part"] == "public"
     refused = life.refused("/phases/test", {"closes_at": life.ahead(60)}, 409, "PATCH")
-    assert "Make another phase" in refused
+    assert "Create another phase" in refused
     grant = {"closes_at": life.ahead(60), "reason": "ill"}
     assert "revealed" in life.refused("/teams/beta/allowances/test", grant, 409, "PATCH")
     assert life.request("POST", f"/api/v1/submissions/{own}/choose", "beta").status_code == 409
@@ -754,7 +754,7 @@ def test_of_a_published_split_both_parts_are_public_and_nothing_says_that_they_a
     life.make_phase()
     submission = life.submit("alpha", CAREFUL)
     life.work()
-    withheld = "nobody outside can see"
+    withheld = "The hazard regions are withheld."
     assert withheld in life.get("/?phase=test").text
     assert "where its hazard lies" in life.get(f"/entries/{submission}").text
     context = life.context

@@ -127,16 +127,16 @@ def test_what_a_spreadsheet_makes_of_a_table_is_taken(scored: "Life", by: str) -
         ({"0.1964": "19.64"}, "Line 3: hcc is 19.64: shares are from 0 to 1"),
         ({"0.1964": "nan"}, "Line 3: hcc is 'nan': write a number"),
         ({"0.1964": '"0,19"'}, "Line 3: hcc is '0,19': write a number"),
-        ({REVISION: ""}, "Line 3: It does not tell split_revision"),
+        ({REVISION: ""}, "Line 3: It lacks split_revision"),
         ({REVISION: "abc"}, "Line 3: split_revision is 'abc': write it in full"),
-        ({",1.0,": ",,"}, "Line 3: It does not tell protocol"),
+        ({",1.0,": ",,"}, "Line 3: It lacks protocol"),
         ({",1.0,": ",1,"}, "Line 3: protocol is '1': write its version in full, such as 1.0"),
         ({"3181": "many"}, "Line 3: n_samples is 'many'"),
         ({"3181": "9" * 5000}, "Line 3: n_samples is '99"),
         ({"micro": "mean"}, "Line 3: average is 'mean': write micro or macro_family"),
         ({"Far Planner": "Far\u202ePlanner"}, "Line 3: The method holds characters"),
-        ({"Far Planner": ""}, "Line 3: It does not tell method"),
-        ({"0.1964,0.7892,0.2028": ",,"}, "Line 3: It tells no metric"),
+        ({"Far Planner": ""}, "Line 3: It lacks method"),
+        ({"0.1964,0.7892,0.2028": ",,"}, "Line 3: It has no metric"),
         ({"Far Team,": "Far Team,x,"}, "Line 3 has 12 values, not 11 as line 1"),
     ],
 )
@@ -155,8 +155,8 @@ def test_a_bad_line_is_named_with_its_cure_and_nothing_is_imported(
 def test_what_is_wrong_with_many_lines_is_said_once(scored: "Life") -> None:
     lines = [LINE.replace("Far Planner", f"Planner {n}").replace(REVISION, "") for n in range(9)]
     said = scored.refused(PATH, sent("\n".join((HEAD, *lines, LINE.replace("3181", "many")))), 400)
-    assert "Line 2, Line 3, Line 4, Line 5, Line 6 and 4 more: It does not tell split_rev" in said
-    assert said.count("It does not tell") == said.count("Line 11: n_samples is 'many'") == 1
+    assert "Line 2, Line 3, Line 4, Line 5, Line 6 and 4 more: It lacks split_rev" in said
+    assert said.count("It lacks") == said.count("Line 11: n_samples is 'many'") == 1
 
 
 @pytest.mark.parametrize(
@@ -167,7 +167,7 @@ def test_what_is_wrong_with_many_lines_is_said_once(scored: "Life") -> None:
         (f"{HEAD}\n{LINE}\n{LINE}", "Line 3: The same method as in line 2"),
         (ROWS.replace("hcc,ur", "accuracy,ur"), "'accuracy' is no column of the planning"),
         (ROWS.replace("team,hcc", "hcc,hcc"), "names the column hcc twice"),
-        (f'{HEAD}\n"{LINE}', "no table as CSV"),
+        (f'{HEAD}\n"{LINE}', "not a CSV table"),
         (
             f"{HEAD}\n\n{LINE.replace('Far Team', chr(34) + 'Far' + chr(10) + 'Team' + chr(34))}",
             "Line 3: The team",

@@ -147,7 +147,7 @@ def test_what_stands_is_settled_at_the_deadline(life: "Life") -> None:
     for key, words in (("entries_shown", "entries of a team stand"), ("run_choice", "run of a")):
         back = {"policy": {key: {"entries_shown": "all", "run_choice": "newest"}[key]}}
         refusal = life.refused("/phases/test", back, 409, "PATCH")
-        assert refusal.startswith("What stands at the deadline is final: which ")
+        assert refusal.startswith("What counts at the deadline is final: which ")
         assert words in refusal
         life.change({"policy": {key: STANDS[key], "late_entries": "own_view"}})
         life.change({"closes_at": life.ahead(60), **back})
@@ -177,6 +177,6 @@ def test_what_stands_and_what_counts_is_settled_by_a_reveal(
         ({"revealed_part": "whole"}, "which samples count after the reveal"),
     ):
         refusal = life.refused("/phases/test", {"policy": change}, 409, "PATCH")
-        assert refusal.startswith("What was kept back is revealed: ")
+        assert refusal.startswith("What was hidden has been revealed: ")
         assert words in refusal
     assert life.entry_ids() == [chosen]

@@ -357,7 +357,7 @@ def test_after_the_deadline_no_older_version_takes_the_place_of_a_withdrawn_one(
     words = f"{newest} takes its place"
     for browser, page in zip(browsers, pages, strict=True):
         told = re.sub(r"</?a\b[^>]*>", "", browser.get(page).text)
-        assert f"{words}; withdraw that one, and this one stands again." in told
+        assert f"{words}; withdraw that one, and this one counts again." in told
     life.move(closes_at=life.now())
     for browser, page in zip(browsers, pages, strict=True):
         assert f"{words}." in re.sub(r"</?a\b[^>]*>", "", browser.get(page).text)
@@ -524,7 +524,7 @@ def test_after_the_deadline_nobody_picks_what_stands_by_publishing(
         final, other = older, newest
         assert do("choose", older, "beta")[0] == 200
         page = visitor(life, "beta").get(f"/submissions/{older}").text
-        assert "The team chose it: once it is public, it stands on the board." in page
+        assert "The team chose it: once it is public, it is on the board." in page
     life.move(closes_at=life.now())
     assert do("unpublish", public) == (
         409,

@@ -1,4 +1,4 @@
-"""Before a run begins, a worker tries the split under what is to come, and says why it does not fit."""
+"""Before a run begins, a worker tries the split under the new protocol or revision, and says why it does not fit."""
 
 from concurrent.futures import ThreadPoolExecutor
 from datetime import timedelta
@@ -60,7 +60,7 @@ def test_regions_that_touch_the_new_footprint_are_told_before_anything_begins(
     assert run["trial"] == {"state": "waiting", "found": []}
     page = f"/organize/rescoring/{run['id']}"
     organizer = visitor(scored, "organizer")
-    assert "A worker is to try the split" in organizer.get(page).text
+    assert "A worker will try the split" in organizer.get(page).text
     scored.work()
     after = seen(scored, run)
     assert after["trial"] == {"state": "refused", "found": [{"what": f"some {TOUCH}", "n": None}]}
@@ -77,7 +77,7 @@ def test_regions_that_touch_the_new_footprint_are_told_before_anything_begins(
         assert "until you start it" not in told, place
     refused = scored.refused(f"/rescoring/{run['id']}/start", {"reason": "go"}, 409)
     assert f"some {TOUCH}" in refused
-    assert "No team can help it" in refused
+    assert "Teams can do nothing about it" in refused
     assert scored.done(f"/rescoring/{run['id']}/cancel", {"reason": "no"})["state"] == "cancelled"
     assert len(scored.entry_ids()) == 1
 

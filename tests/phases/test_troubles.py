@@ -206,8 +206,8 @@ def test_a_phase_on_a_split_without_recorded_drives_says_so_to_both_sides(
     organizer = visitor(life, "organizer")
     life.make_phase("beside", split="plain", policy={"live_part": "whole"})
     beside = html.unescape(organizer.get("/organize/phases/beside").text)
-    assert "(beside) holds no" in beside
-    assert "(plain) holds no" not in beside, "a phase may have the name of the split of another"
+    assert "(beside) has no" in beside
+    assert "(plain) has no" not in beside, "a phase may have the name of the split of another"
     page = html.unescape(organizer.get("/organize/phases/plain").text)
     assert "exceptiondrive-worker add-drives" in page
     assert "no_recorded_drive" in organizer.get("/organize/phases").text
@@ -215,7 +215,7 @@ def test_a_phase_on_a_split_without_recorded_drives_says_so_to_both_sides(
         (found,) = [one for one in troubles(session) if one.code == "no_recorded_drives"]
     assert found.subject == "plain"
     assert found.what.startswith(
-        "Split plain of phases Test (plain), Test (beside) holds no recorded drives"
+        "Split plain of phases Test (plain), Test (beside) has no recorded drives"
     )
     assert life.make_phase("letters", split="plain", challenge="strategy")["not_checked"] == []
 

@@ -103,7 +103,7 @@ def test_an_unused_protocol_is_deleted_and_its_version_is_free(life: "Life", by:
 
 
 def test_a_protocol_in_use_stays(life: "Life") -> None:
-    assert "came with this software" in life.refused("/protocols/1.0/delete", WHY, 409)
+    assert "comes with this software" in life.refused("/protocols/1.0/delete", WHY, 409)
     life.make_phase(split="plain")
     assert "phase test" in life.refused("/protocols/1.0/delete", WHY, 409)
     add(life)
@@ -115,7 +115,7 @@ def test_a_protocol_in_use_stays(life: "Life") -> None:
     life.refused("/protocols/9.9/delete", WHY, 404)
     organizer = visitor(life, "organizer")
     life.done(f"/rescoring/{drafted['id']}/cancel", WHY)
-    assert "of cancelled ones too" in life.refused("/protocols/7.7/delete", WHY, 409)
+    assert "even a cancelled one" in life.refused("/protocols/7.7/delete", WHY, 409)
     add(life, DRAFT.replace('"7.7"', '"7.8"'))
     life.make_phase("gone", split="plain", protocol="7.8")
     life.work()
@@ -155,7 +155,7 @@ def test_an_unused_phase_is_deleted_with_its_boards(life: "Life", by: str) -> No
 def test_a_phase_that_was_used_stays(life: "Life") -> None:
     life.make_phase(split="plain")
     life.submit("alpha", 5.0, "Planner", "plain")
-    assert "Archive it" in life.refused("/phases/test/delete", WHY, 409)
+    assert "Archive or hide it" in life.refused("/phases/test/delete", WHY, 409)
     assert life.get("/?phase=test").status_code == 200
     organizer, page = visitor(life, "organizer"), "/organize/phases/test/delete"
     assert "or hide it: <code>visibility</code>." in send(organizer, page, WHY, page=page).text

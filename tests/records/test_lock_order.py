@@ -16,6 +16,8 @@ from exceptiondrive_records.notifications.inbox import tell_team
 from exceptiondrive_records.participation.changes import merge_teams
 from exceptiondrive_records.phases.phases import create_phase, lock_phase
 from exceptiondrive_records.rescoring.retry import retry_submission
+from exceptiondrive_records.submissions.edits import edit_submission
+from exceptiondrive_records.submissions.similarity import keep_alike
 from exceptiondrive_records.submissions.submissions import find_submission, withdraw
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.tables import Team
@@ -27,6 +29,7 @@ from exceptiondrive_schemas.api.phase_settings import NewPhase
 from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.jobs import Lane
+from exceptiondrive_schemas.method_facts import SubmissionChange
 
 
 @pytest.mark.parametrize("action", ["withdrawal", "merge"])
@@ -146,6 +149,16 @@ def test_a_team_is_told_something_while_it_uploads(world: World) -> None:
         find_team(upload, "alpha", lock=True)
         session.execute(text("SET LOCAL lock_timeout = '2s'"))
         tell_team(session, session.get_one(Team, world.team_id), "message", "Hello.", ())
+
+
+@POSTGRES_ALONE
+def test_a_comparison_is_recorded_while_a_team_edits_the_submission(world: World) -> None:
+    """It records many at once, in another order than an edit locks the runs of a method."""
+    one = world.submit("file").submission.id
+    with world.database.write() as editing, world.database.write() as session:
+        edit_submission(editing, one, SubmissionChange(method="Renamed"), actor="test")
+        session.execute(text("SET LOCAL lock_timeout = '2s'"))
+        keep_alike(session, one, ())
 
 
 @POSTGRES_ALONE

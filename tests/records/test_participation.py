@@ -252,7 +252,10 @@ def test_a_later_deadline_holds_for_one_team_and_for_what_came_before_it(world: 
         closes_at = came + timedelta(seconds=1)
         set_allowance(session, "alpha", "dev", closes_at=closes_at, **WHY)
     assert list(world.standing()) == [later], "what came in time stays in time"
-    with pytest.raises(InvalidRecord, match="after that"), world.database.write() as session:
+    with (
+        pytest.raises(InvalidRecord, match="must be later than"),
+        world.database.write() as session,
+    ):
         set_allowance(session, "alpha", "dev", closes_at=earlier, **WHY)
 
 
@@ -429,9 +432,9 @@ def test_two_teams_become_one_with_entries_people_and_addresses(world: World) ->
         assert [one.address for one in list_contacts(session, world.team_id)] == [
             "https://example.com/x"
         ]
-        moved, stands = list_notifications(session, world.team_id)[0].what_changed
+        moved, counts = list_notifications(session, world.team_id)[0].what_changed
         assert moved.startswith("Its 1 submission, people and addresses are")
-        assert stands.startswith("Of runs of one method one alone stands")
+        assert counts.startswith("Only one run of a method counts")
         tokens = session.scalars(select(Token).where(Token.team_id == beta))
         assert all(token.revoked_at is not None for token in tokens)
         assert find_team(session, "beta").name == "Beta"
@@ -611,7 +614,7 @@ def test_no_action_of_a_season_is_done_to_a_team_that_is_none_any_more(world: Wo
     for action, words in (
         (partial(change_team, name="Gone"), "nobody acts"),
         (partial(set_allowance, phase_id="dev", quota_total=1), "nobody acts"),
-        (disqualify_team, "part of the team alpha, with all that it sent"),
+        (disqualify_team, "merged into the team alpha, with all that it sent"),
     ):
         with pytest.raises(Conflict, match=words), world.database.write() as session:
             action(session, "beta", **WHY)
@@ -638,7 +641,7 @@ def test_teams_with_the_same_bytes_disqualified_or_forgotten_are_not_merged(worl
     another(world, "delta")
     with world.database.write() as session:
         alias = forget_team(session, "delta", **WHY).slug
-    with pytest.raises(Conflict, match="is forgotten"), world.database.write() as session:
+    with pytest.raises(Conflict, match="was forgotten"), world.database.write() as session:
         merge_teams(session, alias, "alpha", **WHY)
 
 

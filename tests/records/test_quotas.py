@@ -234,7 +234,7 @@ def test_what_fails_counts_among_the_files_of_a_day_without_a_score(
     fail(world, "right")
     assert (quota(world).used_today, quota(world).rejected_today) == (0, 2)
     told = (
-        "2 files of your team .* limit; wrong ones count, and sound ones that could not be scored"
+        "2 files of your team .* limit; faulty ones count, and sound ones that could not be scored"
     )
     with pytest.raises(RejectedCapExceeded, match=told):
         world.submit("one more")

@@ -74,7 +74,7 @@ def test_a_run_of_a_phase_whose_own_protocol_the_floors_refuse_says_the_way_out(
         tend_runs(stage.reconciler, 3)
         assert stage.view(run_id).state.value == "ready"
         (way_out,) = stage.view(run_id).blockers
-        assert "open a new phase under the protocol to come" in way_out
+        assert "open a new phase under the new protocol" in way_out
         assert refused(lambda: stage.preview(run_id)).endswith(way_out)
         assert refused(lambda: stage.apply(run_id, "sha256:0")) == way_out
 

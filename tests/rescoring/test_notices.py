@@ -494,5 +494,5 @@ def test_operators_are_told_that_mail_may_not_go_out_until_one_does(
     away = settings(smtp_host="127.0.0.1", smtp_port=1, smtp_security="none")
     assert try_with(away) == [], "one failure is none yet"
     (what,) = try_with(away)
-    assert what.startswith("Mail may not go out: 1 message to 1 address came to nothing")
+    assert what.startswith("Mail may not be going out: 1 message to 1 address failed")
     assert try_with(settings(smtp_host="127.0.0.1", smtp_port=port, smtp_security="none")) == []

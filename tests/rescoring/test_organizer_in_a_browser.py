@@ -121,7 +121,7 @@ def test_a_walk_from_document_to_rollback(
     say(page, "Roll back")
     expect(page.locator(".notice.good")).to_contain_text("Rolled back")
     page.goto(f"{site}/organize/audit?verify=true")
-    expect(page.locator(".notice.good")).to_contain_text("The chain is whole")
+    expect(page.locator(".notice.good")).to_contain_text("The chain is intact")
     assert complaints == []
 
 

@@ -44,7 +44,7 @@ def test_an_update_goes_from_document_to_rollback_over_the_pages(
     assert "4.5 m" in checked
     assert "regrade only, 3 sheets" in checked
     assert "`changes`" not in checked
-    assert "what <code>changes</code> tells readers is what it told in 1.0" in checked
+    assert "<code>changes</code> still says what it said in 1.0" in checked
     assert organizer.document(toml, "add").headers["location"].endswith("done=protocol_added")
     run_id = organizer.draft()
     here = f"{RUNS}/{run_id}"
@@ -65,7 +65,7 @@ def test_an_update_goes_from_document_to_rollback_over_the_pages(
     digest = organizer.seen_digest(run_id)
     assert organizer.get(f"{here}/preview.json").json()["digest"] == digest
     wrong = organizer.step(run_id, "apply", preview="sha256:0").text
-    assert "it is stale, as submissions or boards have changed since, or it never was one" in wrong
+    assert "stale: submissions or boards have changed since, or it is none of this run" in wrong
     assert stage.board() == before
     assert organizer.get(f"{here}/apply").headers["location"] == f"{here}/preview"
     applied = organizer.step(run_id, "apply", preview=digest)
@@ -74,7 +74,7 @@ def test_an_update_goes_from_document_to_rollback_over_the_pages(
     assert words in organizer.get(here).text
     again = "The run is applied already; it can be applied only while it is scoring or ready."
     page = organizer.get(f"{here}/apply?preview={digest}").text
-    assert f"It would be refused now.</b> {again}" in page
+    assert f"This would be refused now.</b> {again}" in page
     assert again in organizer.step(run_id, "apply", preview=digest).text
     (score_before, score_now) = _scores(
         organizer.get(f"/organize/submissions/{stage.submitted[0]}").text

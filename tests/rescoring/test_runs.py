@@ -35,7 +35,7 @@ from exceptiondrive_schemas.protocol import parse_protocol
 Stage = Any
 Ready = tuple[Stage, str]
 D_SAFE = ("d_safe_m = 2.0", "d_safe_m = 4.5")
-TAKE_LOAD_AWAY = "Give the workers more time, or take load away; then resume the run."
+REDUCE_THE_LOAD = "Give the workers more time, or reduce the load; then resume the run."
 MORE_MEMORY = "Give the workers more memory; then resume the run."
 WIDER = ("footprint_width_m = 1.85", "footprint_width_m = 1.95")
 
@@ -163,7 +163,7 @@ def test_every_sheet_that_could_not_be_made_is_told_with_its_reason_and_five_by_
     slow = failed[0]
     others = ", ".join(one for one in stage.submitted if one != slow)
     assert set(stage.view(run_id).blockers) == {
-        f"1 sheet could not be made (time_limit): of {slow}. {TAKE_LOAD_AWAY}",
+        f"1 sheet could not be made (time_limit): of {slow}. {REDUCE_THE_LOAD}",
         f"5 sheets could not be made (out_of_memory): of {others}. {MORE_MEMORY}",
     }
 

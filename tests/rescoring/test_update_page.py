@@ -75,7 +75,7 @@ def test_readers_see_every_entry_before_and_after_a_run_that_was_applied(
     assert re.sub(run, "none", _told(hidden)) == _told(none), "told from none by no word"
 
 
-def test_a_family_that_is_not_told_is_called_so(
+def test_a_hidden_family_is_called_so(
     stage: Stage, api: "Api", make_protocol: Callable[..., str]
 ) -> None:
     toml = make_protocol("1.1", "min_samples_per_cell = 1\n", "min_samples_per_cell = 100\n")
@@ -90,7 +90,7 @@ def test_a_family_that_is_not_told_is_called_so(
     cells = re.findall(r'<td class="sh fam-col"[^>]*>(.*?)</td>', answer.text, re.DOTALL)
     assert cells
     for cell in cells:
-        assert re.match(r"\s*not told<small>was \d", cell), cell
+        assert re.match(r"\s*hidden<small>was \d", cell), cell
 
 
 def test_a_number_that_changes_while_those_that_rank_stay_is_named(

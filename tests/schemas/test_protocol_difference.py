@@ -107,7 +107,7 @@ def test_the_summary_names_work_and_sheets() -> None:
 def test_another_version_of_the_same_content_repeats_nothing() -> None:
     found = difference('version = "1.0"', 'version = "1.1"')
     assert (found.changes, found.stage, found.n_sheets) == ((), Stage.NONE, 0)
-    assert found.sentence == "nothing to work out again: every number stays"
+    assert found.sentence == "nothing to recompute: every number stays"
 
 
 @pytest.mark.parametrize(
@@ -133,7 +133,7 @@ def test_other_waypoints_are_remarked_since_no_accepted_file_has_them() -> None:
 
 def test_changes_that_still_say_what_they_said_are_remarked() -> None:
     told = difference("d_safe_m = 2.0", "d_safe_m = 2.5").remark
-    assert told == "what `changes` tells readers is what it told in 1.0"
+    assert told == "`changes` still says what it said in 1.0"
     assert difference('changes = "First', 'changes = "Not the first').remark is None
 
 

@@ -89,7 +89,7 @@ def test_the_page_takes_what_the_command_wrote_and_lists_it(
     browser = browse(api, who="organizer")
     page = "/organize/protocols/confirm"
     refused = browser.post(page, {"confirmation": "{}"}, page=page)
-    assert (refused.status_code, "This is no confirmation" in refused.text) == (400, True)
+    assert (refused.status_code, "This is not a confirmation" in refused.text) == (400, True)
     led = browser.post(page, {"confirmation": json.dumps(signed)}, page=page)
     assert led.headers["location"] == "/organize/protocols?done=protocol_confirmed"
     listed = browser.get("/organize/protocols").text

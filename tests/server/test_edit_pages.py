@@ -325,7 +325,7 @@ def test_the_entry_page_tells_facts_and_when_they_changed(
 def test_the_page_says_who_can_take_a_withdrawal_back(api: "Api", browse: Browse) -> None:
     one = api.submit("a").json()["id"]
     said = " ".join(signed_in(api, browse).get(f"/submissions/{one}").text.split())
-    assert "which an organizer alone can take back, and nobody once scores that were kept" in said
+    assert "Only an organizer can undo this, and nobody once scores that were kept back" in said
 
 
 def test_a_token_that_is_revoked_once_its_form_is_read_withdraws_nothing(

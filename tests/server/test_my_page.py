@@ -136,7 +136,7 @@ def test_no_rank_is_awaited_that_the_file_will_not_get(
             unranked_because=because,
         )
     text = browser.get(page).text
-    assert f"The next board is being built, where it has no rank: {because}." in text
+    assert f"The next board is being built; it has no rank there: {because}." in text
     assert "awaited" not in text
     (row,) = my_rows(api, browse)
     assert f"Not ranked: {because}." in row

@@ -98,7 +98,7 @@ def test_the_api_page_says_what_each_operation_takes_and_answers(api: "Api") -> 
     assert upload.takes_token
     assert upload.needs_token
     assert upload.status == "200 or 202"
-    assert "than it has they are refused (409)" in " ".join(upload.paragraphs)
+    assert "differ from it, they are refused (409)" in " ".join(upload.paragraphs)
     assert "or in another phase, is refused (409)" in " ".join(upload.paragraphs)
     phases = next(one for one in told if (one.method, one.path) == ("GET", "/api/v1/phases"))
     assert (phases.takes_token, phases.needs_token) == (True, False)
@@ -168,7 +168,7 @@ def test_no_body_of_a_patch_has_a_default_as_what_is_left_out_stays(api: "Api") 
     told = {(one.method, one.path): one for group in by_tag(document).values() for one in group}[
         "PATCH", "/api/v1/organizer/phases/{phase_id}"
     ]
-    assert "What is left out stays" in " ".join(told.paragraphs)
+    assert "Omitted fields stay" in " ".join(told.paragraphs)
     assert not [each for each in told.asks if ", else" in each.type_words]
 
 
@@ -488,12 +488,12 @@ def test_the_api_page_begins_with_what_a_program_needs_and_commands_that_fit(api
         "Base address",
         "Authorization: Bearer",
         "Retry-After",
-        "A file of at most",
+        "A file has at most",
         "Versions",
-        "too slowly (408) may be answered in plain text",
+        "slow ones (408) may be answered in plain text",
         "Boards, entries and submissions are also JSON",
-        "and with another method or other words a 409",
-        "no page of another site can read the answers in a browser",
+        "and with another method or other texts a 409",
+        "pages of other sites cannot read responses in a browser",
     ):
         assert words in text, words
     commands = re.findall(r'<pre class="term"[^>]*>(.*?)</pre>', text, re.DOTALL)

@@ -166,7 +166,9 @@ def test_the_overview_says_what_workers_refused_and_suspect(
         audit_once(session, "worker", SPLIT_FLOOR_HELD, "sample", of_a_cancelled_run)
         audit_once(session, "worker", PROBING_SUSPECTED, "dev", {"teams": ["Alpha"]})
     page = organizer.get("/organize").text
-    words = "The floors of split sample refused what phase dev asks: waypoints is 1, it must lie"
+    words = (
+        "The floors of split sample refused what phase dev asks for: waypoints is 1, it must lie"
+    )
     assert page.count(words) == 1
     assert "what nobody asks any more" not in page
     assert "Phase dev has submissions that change a few samples at a time" in page
@@ -297,7 +299,7 @@ def test_the_log_is_filtered_paged_and_verified(
     assert "phase created" in page
     assert "team created<small" not in page
     assert "Older lines" in organizer.get("/organize/audit").text
-    assert "The chain is whole" in organizer.get("/organize/audit?verify=true").text
+    assert "The chain is intact" in organizer.get("/organize/audit?verify=true").text
     with api.database.write() as session:
         session.execute(text("DROP TRIGGER audit_lines_no_update"))  # as one who owns the file
         session.query(AuditLine).filter_by(subject="dev").update({"actor": "nobody"})
@@ -320,7 +322,7 @@ def test_actions_of_a_phase_are_grouped_and_what_would_be_refused_is_not_offered
     api: "Api", organizer: "TeamBrowser"
 ) -> None:
     page = organizer.get("/organize/phases/dev").text
-    assert re.findall(r"<dt>(Look|Do|Once)</dt>", page) == ["Look", "Do", "Once"]
+    assert re.findall(r"<dt>(See|Do|For good)</dt>", page) == ["See", "Do", "For good"]
     assert "/organize/phases/dev/delete" in page
     assert page.index("/organize/phases/dev/freeze") < page.index("/organize/phases/dev/delete")
     phases = organizer.get("/organize/phases").text
@@ -339,8 +341,8 @@ def test_a_site_without_a_team_is_told_its_first_steps(
         session.execute(text("UPDATE teams SET is_reference = true"))
     page = organizer.get("/organize").text
     assert first in page
-    assert "is public, and has no description, no rules, no deadline." in page
-    assert "Nothing. No team waits" not in page
+    assert "is public but has no description, no rules, no deadline." in page
+    assert "Nothing. No team is waiting" not in page
 
 
 def test_nothing_is_told_as_compared_where_one_team_takes_part(

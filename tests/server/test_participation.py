@@ -105,7 +105,7 @@ def test_a_team_is_disqualified_and_reinstated_by_page(
     page = f"{here}/disqualify"
     assert "cannot" not in organizer.get(here).text
     note = {**WHY, "public_note": "Cheated <b>"}
-    assert "Where: must not be empty." in organizer.post(page, note, page=page).text
+    assert "Phase: must not be empty." in organizer.post(page, note, page=page).text
     done = organizer.post(page, {**note, "phase_id": "*"}, page=page)
     assert done.headers["location"] == f"{here}?done=disqualified"
     assert "Cheated &lt;b&gt;" in organizer.get(here).text
@@ -183,9 +183,10 @@ def test_a_team_that_became_part_of_another_is_written_to_and_changed_no_more(
     assert api.post("/organizer/teams/alpha/merge", "organizer", json=why).status_code == 200
     page = organizer.get(here).text
     assert [action for action in actions if action in page] == []
-    assert 'part of <a href="/organize/teams/beta">Beta</a>' in page
+    assert 'merged into <a href="/organize/teams/beta">Beta</a>' in page
     assert (
-        'part of <a href="/organize/teams/beta">Beta</a>' in organizer.get("/organize/teams").text
+        'merged into <a href="/organize/teams/beta">Beta</a>'
+        in organizer.get("/organize/teams").text
     )
     assert "alpha" not in organizer.get("/organize/messages").text
     words = {"title": "The deadline", "text": "It moves.", "is_preview": True}
@@ -282,7 +283,7 @@ def test_the_history_of_a_team_is_in_words(api_on_both: "Api", organizer: "TeamB
         seen = organizer.get(page).text
         assert [each for each in words if each not in seen] == []
     api.post("/organizer/teams/alpha/disqualify", "organizer", json={"phase": "dev", **WHY})
-    where = '<td data-k="where">The &lt;season&gt;</td>'
+    where = '<td data-k="phase">The &lt;season&gt;</td>'
     assert where in organizer.get("/organize/teams/alpha").text
 
 
@@ -301,7 +302,7 @@ def test_two_teams_are_merged_by_page(api_on_both: "Api", organizer: "TeamBrowse
     own = api.submit("a").json()["id"]
     page = "/organize/teams/alpha/merge"
     asked = {"into": "beta", **WHY}
-    words = "the other team is not granted it. Of runs of one method one alone stands"
+    words = "the other team does not get it. Only one run of a method counts"
     assert words in " ".join(organizer.get(page).text.split())
     for again in ("", "beta"):
         refused = organizer.post(page, {**asked, "again": again}, page=page)

@@ -69,8 +69,8 @@ def test_the_form_shows_what_is_left_and_when_it_begins_anew(alpha: "TeamBrowser
     alpha.submit("a")
     page = alpha.get("/submit").text
     assert "4 of 5 left today" in page
-    assert "20 wrong files more may be sent today" in page
-    assert "at most 20 wrong ones a day are taken" in page
+    assert "up to 20 faulty files more today" in page
+    assert "file costs no quota, up to 20 a day for each team" in " ".join(page.split())
     assert "00:00 UTC" in page
 
 
@@ -115,12 +115,12 @@ def test_the_page_of_a_scored_file_says_what_it_looks_like(
     with api.database.write() as session:  # the board is there: the page waits for the file alone
         session.execute(update(BoardRequest).values(state=WorkState.DONE))
     waiting = " ".join(alpha.get(place).text.split())
-    assert "This is being worked out, after the scores of all files that wait" in waiting
+    assert "This is being computed, after the scores of all waiting files" in waiting
     assert 'data-again-s="2"' in waiting
     api.describe(report)
     page = " ".join(alpha.get(place).text.split())
     assert "What the file looks like" in page
-    assert "This is being worked out" not in page
+    assert "This is being computed" not in page
     assert "data-again-s" not in page
     assert "The sources look too slow: median 1.00 m/s, recorded 8.00 m/s." in page
     for label, words in SLOW.lines:
@@ -138,7 +138,7 @@ def test_the_form_says_what_a_later_run_replaces_and_the_page_by_what(
     assert "A later run of a method replaces the earlier one" in form
     assert re.search(rf'<li>\s*[^<]+: <a href="{first}">Planner</a>', form)  # phase, then entries
     assert (
-        "one that answers fewer than 99 % of the samples, you are asked before anything counts"
+        "(because it answers fewer than 99 % of the samples, say), you are asked before anything counts"
         in form
     )
     api.score(second.removeprefix("/submissions/"), hcc=0.1)
@@ -347,7 +347,7 @@ def test_the_page_of_a_rejected_file_lists_its_faults_safely(
     assert "What the file looks like" not in page, "of no whole trajectory there is nothing to say"
     for words in ("1,234 faults", "wrong_waypoint_count", "$.predictions[2].edited", "6 waypoints",
                   "cut the horizon: <code>convert --truncate</code>", "&lt;b&gt;5&lt;/b&gt;", "1,233 more of this kind",
-                  "No quota was spent; of a team, at most"):  # fmt: skip
+                  "No quota was spent; a team may send at most"):  # fmt: skip
         assert words in page, words
     assert "<b>5</b>" not in page
     assert "/withdraw" not in page
@@ -381,7 +381,7 @@ def test_what_is_asked_first_waits_for_the_word_of_its_team(
     assert "that submission waits for your word, no quota was spent" in renamed.json()["detail"]
     listed = alpha.get("/my").text
     assert "Nothing is counted yet. It replaces <a href=" in listed
-    assert "The file is wrong" not in page + listed
+    assert "The file has" not in page + listed
     beta = browse(api, who="beta")
     assert beta.post(f"{address}/confirm", {}, page="/submit").status_code == 404
     assert api.post(f"{address}/confirm", "beta").status_code == 404
@@ -471,8 +471,8 @@ def test_what_was_asked_before_a_disqualification_is_not_offered_for_confirmatio
     assert api.post("/organizer/teams/alpha/disqualify", "organizer", json=why).status_code == 201
     page = alpha.get(address).text
     assert "It was not confirmed: it counts for nothing." in page
-    assert "It is disqualified since" in page
-    for words in ("Confirm it", "Submit a file</a>", "in time", "The file is wrong"):
+    assert "It has been disqualified since" in page
+    for words in ("Confirm it", "Submit a file</a>", "in time", "The file has"):
         assert words not in page + alpha.get("/my").text.split("Table of submissions")[1]
     assert api.post(f"{address}/confirm", "alpha").json()["code"] == "not_allowed"
 
@@ -526,7 +526,7 @@ def test_withdrawing_on_the_page_takes_it_off(api: "Api", alpha: "TeamBrowser") 
     assert "It stands on no board" in alpha.get(address).text
     assert "/withdraw" not in alpha.get(address).text
     assert '<li class="withdrawn">withdrawn</li>' in alpha.get(address).text
-    assert "its file can be sent again" in alpha.get(address).text
+    assert "this file can be sent again" in alpha.get(address).text
     assert '<a class="btn" href="/submit?phase=dev#upload">' in alpha.get(address).text
     assert alpha.submit("a").headers["location"] != address
     assert "\u00b1 reaches" not in alpha.get("/my").text
@@ -603,7 +603,7 @@ def test_what_a_file_looks_like_is_worked_out_for_who_asks(
     assert n_asked() == 1
     with api.database.write() as session:
         session.execute(update(Profile).values(state=WorkState.FAILED))
-    assert "This is being worked out" not in alpha.get(place).text
+    assert "This is being computed" not in alpha.get(place).text
     assert not api.get(f"/submissions/{name}?profile=true", "alpha").json()["awaits_profile"]
     with api.database.read() as session:
         assert session.scalars(select(Profile.state)).all() == [WorkState.FAILED]

@@ -247,9 +247,9 @@ def test_an_organizer_who_revokes_is_told_what_the_token_made(
     browser = browse(api, who="organizer")
     asked = browser.get(f"/organize/tokens/{own_id(api)}/revoke").text
     assert f"door ({door['prefix']})" in asked
-    assert "What was made with it works on" in asked
+    assert "Tokens made with it keep working" in asked
     last = browser.get(f"/organize/tokens/{door['id']}/revoke").text
-    assert "What was made with it works on" not in last
+    assert "Tokens made with it keep working" not in last
     path = f"/organizer/tokens/{api.tokens['organizer'].split('_')[2]}/revoke"
     api.post("/organizer/teams/beta/tokens", "organizer", json={"name": "handed"})
     assert [one["name"] for one in api.post(path, "organizer").json()["still_work"]] == ["handed"]

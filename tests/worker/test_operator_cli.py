@@ -113,7 +113,7 @@ def test_where_no_split_lies_it_is_said_where_one_was_looked_for(
 ) -> None:
     code, out, err = operate("register-splits")
     assert (code, out) == (2, "")
-    assert f"no split lies in {tmp_path}/splits, as NAME/split.json.gz" in err
+    assert f"there is no split in {tmp_path}/splits, as NAME/split.json.gz" in err
     assert "EXCEPTIONDRIVE_SPLITS_DIR" in err
 
 
@@ -164,7 +164,7 @@ def test_a_split_is_added_from_anywhere_with_its_datasheet(
         assert (code, err) == (0, "")
     lies_at = tmp_path / "splits" / "tiny" / "split.json.gz"
     assert out.startswith("tiny: 2 samples, sha256:")
-    assert out.endswith(f"it lies at {lies_at}\n")
+    assert out.endswith(f"it is at {lies_at}\n")
     assert lies_at.read_bytes() == file.read_bytes()
     assert lies_at.stat().st_mode & 0o777 == 0o600
     assert sorted(path.name for path in lies_at.parent.iterdir()) == [
@@ -565,7 +565,7 @@ def test_pictures_are_shown_and_taken_away_by_command(operate: Operate, tmp_path
     operate("seed-sample")
     assert operate(*show)[:2] == (0, "sample: 1 pictures are shown, under: CC0 1.0\n")
     assert operate("publish-pictures", "sample")[0] == 2, "the licence is asked for"
-    assert operate("remove-pictures", "sample")[:2] == (0, "sample: no picture is shown any more\n")
+    assert operate("remove-pictures", "sample")[:2] == (0, "sample: pictures are no longer shown\n")
 
 
 def test_a_revision_of_other_samples_is_refused_and_nothing_is_copied(
@@ -656,10 +656,10 @@ def test_an_earlier_revision_that_is_held_is_nothing_new(
     code, out, err = operate("add-split", str(first))
     assert (code, err) == (0, "")
     assert read_split(later).revision in out, "the current one is told"
-    assert f"an earlier revision, {read_split(first).revision}: it is held already" in out
-    assert "A datasheet beside it takes the place of the one held" in out
+    assert f"an earlier revision, {read_split(first).revision}: it is already held" in out
+    assert "A datasheet beside it replaces the one held" in out
     assert "--split-revision" in out
-    assert "it lies at" not in out
+    assert "it is at" not in out
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
     sheet_file = first.with_name("datasheet-first.json")
     edited = Datasheet.model_validate_json(sheet_file.read_bytes()).model_copy(

@@ -685,7 +685,7 @@ def test_a_lost_folder_takes_no_floor_away(
     away = folder.rename(folder.with_name("away"))
     if is_mount_point:
         folder.mkdir()
-    with pytest.raises(FloorsUnreadableError, match="no split lies in"):
+    with pytest.raises(FloorsUnreadableError, match="there is no split in"):
         world.context.splits.floors(tiny.name)
     second = world.score(planning_file(tiny, edited_mps=1.2))
     assert world.submission(second).status is SubmissionStatus.RECEIVED

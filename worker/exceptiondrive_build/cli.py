@@ -31,13 +31,13 @@ COMMANDS = {
     ),
     "lint": ("freezing.commands:lint_split", "Warn of what makes the split a bad benchmark."),
     "freeze": ("freezing.commands:freeze_split", "Write the split and its datasheet."),
-    "reopen": ("freezing.commands:reopen", "Have regions that lie wrong verified again."),
-    "withdraw": ("freezing.commands:withdraw", "Count samples no more from a revision on."),
+    "reopen": ("freezing.commands:reopen", "Have misplaced regions verified again."),
+    "withdraw": ("freezing.commands:withdraw", "Stop counting samples from a revision on."),
 }
 """In the order of the work: the command or group of each, and what `--help` says."""
 
 WorkshopFolder = Annotated[
-    Path, typer.Option("--workshop", "-w", help="The workshop folder; by default this one.")
+    Path, typer.Option("--workshop", "-w", help="The workshop folder; by default the current one.")
 ]
 Json = Annotated[bool, typer.Option("--json", help="Write one JSON document.")]
 

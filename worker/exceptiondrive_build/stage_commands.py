@@ -23,7 +23,9 @@ def run(
     only_plan: Annotated[
         bool, typer.Option("--dry-run", help="Say what it would take, and ask nothing.")
     ] = False,
-    limit: Annotated[int | None, typer.Option(min=1, help="Take so many candidates alone.")] = None,
+    limit: Annotated[
+        int | None, typer.Option(min=1, help="Take only this many candidates.")
+    ] = None,
     json: Json = False,
 ) -> None:
     """Ask a model about every candidate that waits for a stage.

@@ -92,7 +92,9 @@ _KNOWN_ERRORS = (
 
 @app.command()
 def run(
-    lanes: Annotated[str, typer.Option(help="Lanes to serve, by comma.")] = "live,rescore",
+    lanes: Annotated[
+        str, typer.Option(help="Lanes to serve, separated by commas.")
+    ] = "live,rescore",
     concurrency: Annotated[int, typer.Option(min=1, help="Processes that score.")] = 2,
     data: DataOption = None,
 ) -> None:
@@ -110,8 +112,8 @@ def run(
     close_to_others(settings.splits_dir)
     if not SplitStore(settings.splits_dir).files():
         _log.warning(
-            "no split lies here, as NAME/split.json.gz, that this user may read: what is submitted "
-            "waits until one does; EXCEPTIONDRIVE_SPLITS_DIR names the folder",
+            "there is no split here, as NAME/split.json.gz, that this user may read: submissions wait "
+            "until there is one; EXCEPTIONDRIVE_SPLITS_DIR names the folder",
             folder=str(settings.splits_dir.absolute()),
         )
     run_worker(settings, _lanes(lanes), concurrency)
@@ -119,7 +121,7 @@ def run(
 
 @app.command("heartbeat-age")
 def heartbeat_age(
-    max_s: Annotated[float, typer.Option(help="Older than this is exit code 1.")] = 60.0,
+    max_s: Annotated[float, typer.Option(help="Exit with code 1 if it is older.")] = 60.0,
     data: DataOption = None,
 ) -> None:
     """Say how old the last sign of life of a worker on this machine is: for health checks."""
@@ -190,13 +192,13 @@ def add_split(
     _tell_registered([registered])
     given = read_split(file).revision
     if given == registered.manifest.revision:
-        typer.echo(f"  it lies at {registered.path}")
+        typer.echo(f"  it is at {registered.path}")
     else:
         typer.echo(
-            f"  {file} is an earlier revision, {given}: it is held already, and the later one above stays"
+            f"  {file} is an earlier revision, {given}: it is already held, and the later one above stays"
         )
         typer.echo(
-            "  current. A datasheet beside it takes the place of the one held, and is shown after "
+            "  current. A datasheet beside it replaces the one held, and is shown after "
             "register-splits."
         )
         typer.echo("  A phase, or a run, names the revision: --split-revision")
@@ -211,10 +213,10 @@ def add_drives(
     new_file: Annotated[Path, typer.Argument(metavar="NEW", help="The split to write.")],
     public: Annotated[
         bool,
-        typer.Option("--public", help="Let everybody know the drives: checks at home use them."),
+        typer.Option("--public", help="Publish the drives: participants' own checks use them."),
     ] = False,
 ) -> None:
-    """Write a split with the recorded drives of its scenes: they tell a planner that is off course."""
+    """Write a split with the recorded drives of its scenes: they reveal a planner that is off course."""
     split = with_drives(read_split(split_file), read_drives(drives_file), are_public=public)
     protocol = _protocol(None)
     load_split(split, protocol)
@@ -222,12 +224,12 @@ def add_drives(
     if fault is not None:
         raise SplitUnreadableError(f"{drives_file.name} holds no recorded drives: {fault}")
     if new_file.exists():
-        raise FileExistsError(f"{new_file} is there already")
+        raise FileExistsError(f"{new_file} already exists")
     text = split.model_dump_json(by_alias=True, exclude_none=True)
     new_file.write_bytes(gzip.compress(text.encode(), mtime=0))
     n_known = sum(sample.recorded is not None for sample in split.samples)
     typer.echo(f"{new_file}: {n_known} of {len(split.samples)} samples have a recorded drive")
-    typer.echo(f"{split.name} would stand at {split.revision}")
+    typer.echo(f"{split.name} would have the revision {split.revision}")
 
 
 def _registered_facts(registered: RegisteredSplit) -> dict[str, object]:
@@ -255,7 +257,10 @@ def publish_split(
     protocol: ProtocolOption = None,
     while_open: Annotated[
         bool,
-        typer.Option("--while-open", help="Also while a phase that has scores takes submissions."),
+        typer.Option(
+            "--while-open",
+            help="Publish it even while a phase that has scores accepts submissions.",
+        ),
     ] = False,
     data: DataOption = None,
 ) -> None:
@@ -277,10 +282,10 @@ def publish_split(
 @app.command("publish-pictures")
 def publish_pictures_of(
     name: str,
-    licence: Annotated[str, typer.Option(help="Under which they may be shown, in words.")],
+    licence: Annotated[str, typer.Option(help="Licence under which they may be shown, in words.")],
     data: DataOption = None,
 ) -> None:
-    """Show the pictures beside a public split on its pages, in the place of those shown before."""
+    """Show the pictures beside a public split on its pages, replacing those shown before."""
     settings = load_settings(WorkerSettings, data)
     split, folder = current_split(SplitStore(settings.splits_dir), name)
     files = FileStore(settings.file_store_url)
@@ -291,12 +296,12 @@ def publish_pictures_of(
 
 @app.command("remove-pictures")
 def remove_pictures_of(name: str, data: DataOption = None) -> None:
-    """Show no picture of a public split any more, and remove their files."""
+    """Stop showing pictures of a public split, and remove their files."""
     settings = load_settings(WorkerSettings, data)
     split, _ = current_split(SplitStore(settings.splits_dir), name)
     with opened(settings) as database:
         remove_pictures(database, FileStore(settings.file_store_url), split)
-    typer.echo(f"{name}: no picture is shown any more")
+    typer.echo(f"{name}: pictures are no longer shown")
 
 
 @app.command("make-sample")
@@ -314,7 +319,7 @@ def make_planners(folder: Path) -> None:
 
 @app.command("seed-sample")
 def seed_sample(data: DataOption = None) -> None:
-    """Publish the sample split, so that anyone may evaluate at home; it is made where none lies.
+    """Publish the sample split, so that anyone may evaluate at home; it is made if there is none.
 
     All splits that lie beside it are registered.
     """

@@ -1,4 +1,4 @@
-"""Commands about who one is and the tokens of one's team: login, logout, whoami, tokens."""
+"""Commands for accounts: login, logout, whoami, and the team's tokens."""
 
 import sys
 from getpass import getpass
@@ -134,7 +134,7 @@ def revoke_token(tokens: TeamTokens, token_id: TokenId) -> Answer:
 
 def revoked(token: Record) -> Answer:
     """Return that a token is revoked, and which that were made with it work on."""
-    left = left_words("what was made with it works on", token)
+    left = left_words("tokens made with it keep working", token)
     return token, f"token {token['id']} revoked", *left
 
 

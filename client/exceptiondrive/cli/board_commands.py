@@ -1,4 +1,4 @@
-"""Commands about boards and phases: what everyone may see, and the terms to be accepted."""
+"""Commands for boards and phases (public data), and for accepting terms."""
 
 from collections.abc import Iterator
 from datetime import datetime

@@ -1,6 +1,6 @@
-"""What the shell offers at a press of Tab: phases, ids of submissions, teams and runs, choices.
+"""Shell completion: phases, ids of submissions, teams and runs, choices.
 
-Never an error and never a wait: what the server does not say at once is not offered.
+Never an error and never a wait: whatever the server does not answer at once is not offered.
 """
 
 from collections.abc import Callable, Iterable

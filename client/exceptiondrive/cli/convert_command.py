@@ -1,4 +1,4 @@
-"""The command that makes a submission of a planner's own files."""
+"""The command that converts a planner's own files to a submission file."""
 
 from os.path import isfile
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""What is printed of a file: the report of a check, what the file looks like, the score sheet."""
+"""Print what is known of a file: the check report, its profile, the score sheet."""
 
 from collections.abc import Iterator, Mapping
 

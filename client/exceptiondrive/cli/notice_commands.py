@@ -1,4 +1,4 @@
-"""What the team is told, and where: notices, contacts."""
+"""Commands for notices and the addresses that receive them."""
 
 import time
 from typing import TYPE_CHECKING, Annotated

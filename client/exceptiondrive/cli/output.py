@@ -1,4 +1,4 @@
-"""Where words go: results on stdout, everything else on stderr, colour and motion on terminals."""
+"""Terminal output: results on stdout, everything else on stderr; colour and progress on terminals."""
 
 import json
 import os

@@ -1,4 +1,4 @@
-"""Progress on stderr, and only where a person sees it: else not even what draws it is imported."""
+"""Progress on stderr, on terminals only; the library that draws it is imported only then."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager

@@ -297,26 +297,26 @@ def withdraw(
     own = () if asked is None else client.submissions(phase=asked.phase, limit=None)
     linked = [] if asked is None else [each for each in own if each.linked_to == asked.id]
     against = [each.id for each in linked if each.reminder_effect is not None]
-    lost = f"The board then tells no effect of the reminder in {', '.join(against)}."
+    lost = f"The board then shows no effect of the reminder in {', '.join(against)}."
     if stands and can_ask():  # a script goes on: the same bytes may be sent again
         name = submission_id if asked is None else entry_words(asked)
         be_sure(lost if against else "", yes, question=f"Withdraw {name}?")
     view = client.withdraw(submission_id)
     if asked is None:
-        unknown = "what takes its place cannot be told without the scope read:own"
+        unknown = "without the scope read:own, the client cannot see what takes its place"
         return view, f"{view.id} {view.status}: {unknown}"
     before = next((each for each in own if each.replaced_by == view.id), None)
     again = None if before is None else client.status(before.id)
     words = "no other run takes its place on the board"
     if again is not None and again.replaced_by is None:
-        words = f"with the next board there stands again {entry_words(again)}"
+        words = f"the next board shows {entry_words(again)} again"
         if again.unranked_because is not None:
             why = again.unranked_because
-            words = f"the run before, {entry_words(again)}, takes no place now: {why}"
+            words = f"the previous run, {entry_words(again)}, is not ranked now: {why}"
     if view.score_kept_back_since is not None:
         words = "which run counts is shown when the board is revealed"
     if not stands:
-        words = "it was so before, and nothing changed"
+        words = "it was withdrawn before, and nothing changed"
     return view, f"{view.id} {view.status}: {words}", *([lost] if against else ())
 
 

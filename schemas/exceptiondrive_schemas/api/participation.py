@@ -5,7 +5,7 @@ from datetime import datetime
 from exceptiondrive_schemas.base import Document
 
 AFTER_A_MERGE = (
-    "Of runs of one method one alone stands, and of all where a phase shows one entry of each team."
+    "Only one run of a method counts, and only one entry where a phase shows one for each team."
 )
 """What becomes of the entries of two teams that are merged."""
 

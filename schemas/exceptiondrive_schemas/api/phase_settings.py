@@ -1,4 +1,4 @@
-"""What organizers settle of a phase: dates, limits, and what is shown when and to whom.
+"""What organizers set for a phase: dates, limits, and what is shown when and to whom.
 
 Each setting is one field here, with its title, a sentence, its bounds and its default. API, form,
 command line and the table in `docs/phase-settings.md` are made from these models; the records refuse what
@@ -156,7 +156,7 @@ class PhasePolicy(Document):
 
 
 class PhaseSettings(Document):
-    """What organizers settle of a phase, when they make it or later."""
+    """What organizers set for a phase, when they make it or later."""
 
     title: Title = Field(title="Title", description="Shown to readers.")
     description: str = Field(
@@ -191,14 +191,14 @@ class PhaseSettings(Document):
         default=3,
         ge=1,
         le=10_000,
-        title="Submissions a day",
+        title="Submissions per day",
         description="Per team and UTC day. A new phase on a withheld split has 1 by default.",
     )
     quota_total: int | None = Field(
         default=None,
         ge=1,
         le=1_000_000,
-        title="Submissions in all",
+        title="Submissions in total",
         description="Per team; without it there is no limit. A new phase on a withheld split has 20 "
         "by default.",
     )
@@ -213,7 +213,7 @@ class PhaseSettings(Document):
         default=20,
         ge=1,
         le=10_000,
-        title="Wrong files a day",
+        title="Faulty files per day",
         description="Per team and UTC day: files that are rejected, or that the server fails to score.",
     )
     shows_reported: bool = Field(

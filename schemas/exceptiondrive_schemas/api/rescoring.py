@@ -143,7 +143,7 @@ class Progress(Document):
 
 
 class TrialFinding(Document):
-    """Why a split cannot be scored under what is to come; of a public split, for how many samples."""
+    """Why a split cannot be scored under the new protocol or revision; of a public split, for how many samples."""
 
     what: str
     n: int | None = None
@@ -160,15 +160,17 @@ class SplitTrial(Document):
     def sentence(self) -> str:
         """What came of it."""
         if self.state == "waiting":
-            return "A worker is to try the split under what is to come."
+            return "A worker will try the split under the new protocol or revision."
         if self.state == "fits":
-            return "A worker has tried the split under what is to come: it can be scored."
+            return (
+                "A worker has tried the split under the new protocol or revision: it can be scored."
+            )
         reasons = "; ".join(it.what if it.n is None else f"{it.n:,} {it.what}" for it in self.found)
         if self.state == "failed":
             return f"The split could not be tried: {reasons}"
         if self.state == "held":
             return f"The floors of the withheld split forbid it: {reasons}."
-        return f"The split cannot be scored under what is to come: {reasons}."
+        return f"The split cannot be scored under the new protocol or revision: {reasons}."
 
 
 class RunView(Document):
@@ -195,7 +197,7 @@ class RunView(Document):
     """Why it cannot be applied now (or, once applied, rolled back); empty: it can."""
     difference: Difference
     trial: SplitTrial | None = None
-    """Whether the split can be scored under what is to come; None: it is not asked."""
+    """Whether the split can be scored under the new protocol or revision; None: it is not asked."""
     old_board: int | None = None
     new_board: int | None = None
     preview: str | None = None

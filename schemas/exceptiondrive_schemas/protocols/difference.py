@@ -35,7 +35,7 @@ _WORK = {
     Stage.GRADE: "regrade only",
     Stage.RANK: "rank again only",
     Stage.PUBLICATION: "round again only",
-    Stage.NONE: "nothing to work out again: every number stays",
+    Stage.NONE: "nothing to recompute: every number stays",
 }
 _STAGE_OF_SECTION = {
     "geometry": Stage.MEASURE,
@@ -54,7 +54,7 @@ _NAMES = {
     "acceptable": "acceptable strategies",
     "under_warning": "under-warning strategies",
     "unranked_flags": "flags with which an entry is listed without a rank",
-    "min_scenes": "fewest scenes that an interval takes",
+    "min_scenes": "fewest scenes for an interval",
 }
 """Where the words of a name are not the name's own."""
 _STRATEGY_SETS = ("acceptable", "under_warning")
@@ -116,7 +116,7 @@ def _author_remarks(old: ProtocolDocument, new: ProtocolDocument) -> Iterator[st
     if _numbers(new.version) < _numbers(old.version):
         yield f"{new.version} is an earlier version than {old.version}"
     if new.changes == old.changes and new.digest != old.digest:
-        yield f"what `changes` tells readers is what it told in {old.version}"
+        yield f"`changes` still says what it said in {old.version}"
     if new.title == old.title and old.version in old.title and new.version != old.version:
         yield f"the title is still {old.title}"
     files = old.geometry

@@ -311,7 +311,7 @@ def served_body(row: BoardRow) -> str:
 
 
 def is_told_as_recorded(row: BoardRow) -> bool:
-    """Whether readers get the bytes that were recorded, whose digest is `body_digest`."""
+    """Whether readers get exactly the recorded bytes, whose digest is `body_digest`."""
     return row.told_at == row.published_at and row.forgotten is None
 
 

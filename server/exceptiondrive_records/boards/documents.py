@@ -23,10 +23,10 @@ _DECODER = JSONDecoder()
 
 @contextmanager
 def collector_at_rest() -> Iterator[None]:
-    """Pause the collector of reference cycles while many objects are made that form none.
+    """Pause Python's cyclic garbage collector while many objects without cycles are created.
 
-    It goes through all of them whenever they are a quarter more: a fifth of the time of building a board of
-    10,000 entries, and half the time of checking boards of 1,000.
+    It scans all of them whenever they have grown by a quarter: a fifth of the time to build a board of
+    10,000 entries, and half the time to check boards of 1,000.
     """
     gc.disable()
     try:
@@ -36,14 +36,14 @@ def collector_at_rest() -> Iterator[None]:
 
 
 class Sharing:
-    """Lets equal parts of documents be one object; documents are immutable, so none can tell."""
+    """Interns equal parts of documents as one object, which is safe as documents are immutable."""
 
     def __init__(self) -> None:
         self._fields: dict[frozenset[str], set[str]] = {}
         self._values: dict[object, Any] = {}
 
     def share(self, document: BaseModel) -> None:
-        """Share the numbers and intervals of a document, and the names of its fields."""
+        """Intern the numbers and intervals of a document, and its field names."""
         named = document.__pydantic_fields_set__
         shared = self._fields.setdefault(frozenset(named), named)
         object.__setattr__(document, "__pydantic_fields_set__", shared)
@@ -84,12 +84,12 @@ def read_board(body: str) -> Board:
 
 
 def entries_of(body: str) -> Iterator[BoardEntry]:
-    """Yield the entries of a recorded board, of which none is held."""
+    """Yield the entries of a recorded board without keeping any."""
     return (BoardEntry.read(body[begin:end]) for _, begin, end in _spans(body))
 
 
 def entry_documents(body: str) -> Iterator[dict[str, Any]]:
-    """Yield the entries of a recorded board as they stand there, not validated."""
+    """Yield the entries of a recorded board as raw JSON, not validated."""
     return (entry for entry, _, _ in _spans(body))
 
 

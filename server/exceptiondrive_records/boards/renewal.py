@@ -12,7 +12,7 @@ from exceptiondrive_records.work.board_requests import is_board_wanted, want_boa
 
 
 def renew_boards(session: Session, phase: Phase) -> None:
-    """Ask for the board that the phase shows, and for the draft of an open rescoring run."""
+    """Request the board that the phase shows, and the draft of an open rescoring run."""
     keys = {key_of_phase(phase)}
     _, shadow = phase_and_shadow(session, phase.id)
     if shadow is not None:
@@ -22,7 +22,7 @@ def renew_boards(session: Session, phase: Phase) -> None:
 
 
 def renew_where_families_show(database: Database) -> int:
-    """Ask for the boards of phases whose families may be shown now; return how many phases."""
+    """Request boards for phases whose families may be shown from now on; return how many phases."""
     with database.read() as session:
         if not any(_families_are_due(session, phase) for phase in _phases(session)):
             return 0

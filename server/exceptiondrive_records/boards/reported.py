@@ -25,7 +25,7 @@ MAX_FILE = 500_000
 def import_board(
     session: Session, phase_id: str, title: str, cite: str, file: str, *, actor: str
 ) -> ReportedBoard:
-    """Put the rows of another board beside a phase, or none of them.
+    """Import the rows of an external board for a phase: all of them, or none.
 
     `cite` is an address or a citation, `file` a text that `read_rows` takes.
 
@@ -60,7 +60,7 @@ def import_board(
 def withdraw_reported_board(
     session: Session, phase_id: str, reported_id: str, *, reason: str, actor: str
 ) -> ReportedBoard:
-    """Take the rows of another board away from a phase; they can be imported again.
+    """Withdraw the rows of an external board from a phase; they can be imported again.
 
     Raises:
         NotFound: There are none of this id beside the phase.
@@ -102,7 +102,7 @@ def reported_boards(
 
 
 def measured_on(session: Session, phase: Phase) -> Measured:
-    """Return what a phase measures by, as its readers see: reported rows are compared with that."""
+    """Return the protocol and samples of a phase as shown, to compare reported rows with."""
     board = current_board(session, phase.id)
     if board is not None:
         return Measured.on(parsed_board(board))

@@ -68,13 +68,13 @@ def _row(values: Mapping[str, str], challenge: Challenge) -> ImportedRow:
     missing = [name for name in NEEDED if not values.get(name)]
     if missing:
         raise InvalidRecord(
-            f"It does not tell {', '.join(missing)}: each row names the split, its revision and the "
+            f"It lacks {', '.join(missing)}: each row must name the split, its revision and the "
             "protocol that it was measured under."
         )
     metrics, families = _numbers(values, challenge)
     if not metrics:
         first = challenge.metrics[0].key
-        raise InvalidRecord(f"It tells no metric, such as {first}.")
+        raise InvalidRecord(f"It has no metric, such as {first}.")
     digest = values.get("protocol_digest") or None
     return ImportedRow(
         method=_text("method", values["method"], MAX_NAME),

@@ -44,7 +44,7 @@ _ON_NO_ROW: Mapping[str, Any] = {"tasks": {}, "clearance_curve": None}
 
 @dataclass(frozen=True)
 class EntryRecord:
-    """What a board needs to know of one entry; names are pseudonyms in an anonymous phase."""
+    """The data of one entry that a board needs; names are pseudonyms in an anonymous phase."""
 
     submission_id: str
     team: str
@@ -114,7 +114,7 @@ def entry_ids_for_board(session: Session, phase_id: str, key: ScoringKey) -> set
 
 
 def names_of(session: Session, submission_ids: list[str]) -> dict[str, tuple[str, str]]:
-    """Return team and method behind entries, by submission: for organizers alone."""
+    """Return the real team and method of entries, by submission, for organizers only."""
     query = (
         select(Submission.id, Team.name, Submission.method)
         .join(Team, Team.id == Submission.team_id)
@@ -189,7 +189,7 @@ def _scored_under(session: Session, phase: Phase, key: ScoringKey) -> list[_Scor
 def whole_sheets(
     session: Session, ids: Sequence[str], key: ScoringKey
 ) -> Iterator[tuple[str, ScoreSheet]]:
-    """Yield submission and sheet of those of some submissions that have one, a few read at a time."""
+    """Yield each of these submissions that has a sheet, with the sheet; read in small batches."""
     for first in range(0, len(ids), _SHEETS_AT_ONCE):
         query = select(ScoreSheetRow.submission_id, ScoreSheetRow.sheet).where(
             ScoreSheetRow.submission_id.in_(ids[first : first + _SHEETS_AT_ONCE]),
@@ -244,7 +244,7 @@ def _entries_due(
 
 
 def _withdrawn_since(session: Session, phase: Phase) -> list[_Scored]:
-    """Public entries that were withdrawn after the deadline: what they displaced stays displaced."""
+    """Public entries withdrawn after the deadline: the entries that they replaced do not return."""
     query = (
         select(Submission, Team)
         .join(Team, Team.id == Submission.team_id)
@@ -267,7 +267,7 @@ def _newest(runs: Sequence[_Scored]) -> _Scored:
 
 
 def _of_methods(scored: Iterable[_Scored], pick: _Picker = _newest) -> list[_Scored]:
-    """One run of each method of each team, picked of all its runs in the order of submission."""
+    """One run of each method of each team, picked from its runs in order of submission."""
     methods: dict[tuple[int, str], list[_Scored]] = {}
     for each in scored:
         methods.setdefault((each.team.id, each.submission.method), []).append(each)
@@ -275,7 +275,7 @@ def _of_methods(scored: Iterable[_Scored], pick: _Picker = _newest) -> list[_Sco
 
 
 def _picker(session: Session, phase: Phase, key: ScoringKey) -> _Picker:
-    """Return what picks the run of a method that stands: the newest, or as its team said last."""
+    """Return the function that picks the run that counts: the newest, or as its team chose last."""
     if phase.policy.run_choice == "newest":
         return _newest
 

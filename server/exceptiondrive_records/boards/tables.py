@@ -15,7 +15,7 @@ from exceptiondrive_schemas.reported.imported import ImportedRows
 
 
 class BoardRow(Base):
-    """A board snapshot, immutable: `body` holds the exact bytes that are served."""
+    """An immutable board snapshot: `body` holds the exact bytes that are served."""
 
     __tablename__ = "boards"
     __table_args__ = (UniqueConstraint("phase_id", "number"),)
@@ -55,7 +55,7 @@ def told_as(body_digest: str, told_at: datetime, forgotten: str | None) -> str:
 
 
 class BoardFlip(Base):
-    """When the pointer `Phase.current_board_id` moved, append-only."""
+    """Append-only history of the pointer `Phase.current_board_id`."""
 
     __tablename__ = "board_flips"
     __table_args__ = (
@@ -81,9 +81,9 @@ BoardRow.told_at = column_property(
 
 
 class BoardEntryRow(Base):
-    """A submission that stands on a board, written with the board, immutable.
+    """A submission on a board; written with the board, immutable.
 
-    Rows that the paper reported are no submissions and are not here.
+    Rows reported by the paper are not submissions, and have no row here.
     """
 
     __tablename__ = "board_entries"

@@ -17,9 +17,9 @@ _POSTGRESQL_NOW = select(func.clock_timestamp())
 
 
 class seconds_from_now(GenericFunction[datetime]):  # noqa: N801 - it is called in statements
-    """The time when a statement begins, and so many seconds later, in a statement.
+    """SQL expression: the start time of the statement plus some seconds.
 
-    It costs no question of its own, and a statement that holds it is made once.
+    It needs no extra round trip, and a statement with it can be cached.
     """
 
     type = UtcDateTime()
@@ -27,7 +27,7 @@ class seconds_from_now(GenericFunction[datetime]):  # noqa: N801 - it is called 
 
 
 class seconds_since(GenericFunction[float]):  # noqa: N801
-    """The seconds from a time in a column to the time when a statement begins."""
+    """SQL expression: the seconds from a column's time to the start time of the statement."""
 
     type = Double()
     inherit_cache = True
@@ -64,9 +64,9 @@ def _passed_in_sqlite(element: Function[float], compiler: SQLCompiler, **how: An
 
 
 def database_now(session: Session) -> datetime:
-    """Return the time of the database's own clock, aware UTC.
+    """Return the time of the database's clock, aware UTC.
 
-    SQLite runs in this process: its clock is this machine's, and tells whole milliseconds.
+    SQLite runs in this process and uses this machine's clock, in whole milliseconds.
     """
     if session.get_bind().dialect.name == "sqlite":
         here = datetime.now(UTC)
@@ -82,5 +82,5 @@ def start_of_day(now: datetime) -> datetime:
 
 
 def next_day(now: datetime) -> datetime:
-    """Return 00:00 UTC of the day after `now`: when daily quotas begin anew."""
+    """Return 00:00 UTC of the day after `now`, when daily quotas reset."""
     return start_of_day(now) + timedelta(days=1)

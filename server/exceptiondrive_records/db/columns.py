@@ -39,7 +39,7 @@ class UtcDateTime(TypeDecorator[datetime]):
 
 
 class DocumentText(TypeDecorator[SomeDocument], Generic[SomeDocument]):
-    """A document of `exceptiondrive_schemas`, kept as its canonical JSON."""
+    """A document of `exceptiondrive_schemas`, stored as canonical JSON."""
 
     impl = Text
     cache_ok = True
@@ -60,7 +60,7 @@ class DocumentText(TypeDecorator[SomeDocument], Generic[SomeDocument]):
 def is_one_of(
     column: InstrumentedAttribute[SomeEnum], values: Iterable[SomeEnum]
 ) -> ColumnElement[bool]:
-    """Condition of a kept statement: a list of plain values would be worked out anew whenever it is sent."""
+    """Condition for a cached statement: a plain `in_` list would be compiled again at each execution."""
     return column.in_([literal(value, column.type) for value in values])
 
 

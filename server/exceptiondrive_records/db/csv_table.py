@@ -13,10 +13,10 @@ _SEPARATORS = ",;\t"
 
 
 def named_rows(text: str, *, most: int) -> list[tuple[int, dict[str, str]]]:
-    """Return the rows below the first one: the line on which each begins, and its values by column.
+    """Return the rows below the header: the line on which each begins, and its values by column.
 
-    Values are separated by commas, semicolons or tabs, as the first line tells; of names of columns
-    the case does not count.
+    The header decides whether commas, semicolons or tabs separate values; column names are
+    case-insensitive.
 
     Raises:
         InvalidRecord: It is no table, a column is named twice, or there is no row or more than so many.
@@ -27,14 +27,14 @@ def named_rows(text: str, *, most: int) -> list[tuple[int, dict[str, str]]]:
     if twice:
         raise InvalidRecord(f"The first line names the column {min(twice)} twice.")
     if not rows:
-        raise InvalidRecord("There is no row: write one a line below the names of columns.")
+        raise InvalidRecord("There are no rows: write one per line below the column names.")
     if len(rows) > most:
         raise InvalidRecord(f"There are more than {most} rows; import them in parts.")
     return [(line, dict(zip(names, map(str.strip, row), strict=True))) for line, row in rows]
 
 
 def _rows(text: str) -> list[tuple[int, list[str]]]:
-    """All that hold something. Empty cells at the end of the first one are no columns, nor are those below them."""
+    """Non-empty rows. Empty cells at the end of the header are no columns, nor are the cells below them."""
     text = text.removeprefix("\ufeff")
     head = text.lstrip("\r\n").split("\n", 1)[0]
     separator = max(_SEPARATORS, key=head.count)
@@ -56,13 +56,13 @@ def _rows(text: str) -> list[tuple[int, list[str]]]:
             line = reader.line_num + 1
     except csv.Error as error:
         raise InvalidRecord(
-            f"This is no table as CSV: {error}. Save it as CSV; in quoted text write each quote twice."
+            f"This is not a CSV table: {error}. Save it as CSV; in quoted text write each quote twice."
         ) from None
     return rows
 
 
 def faults_text(faults: Iterable[tuple[int, str]]) -> str:
-    """Say what is wrong on which lines, each sentence once: `Line 2, Line 5: ...`."""
+    """Join faults of lines into one text, each sentence once: `Line 2, Line 5: ...`."""
     lines: dict[str, list[str]] = {}
     for number, words in faults:
         lines.setdefault(words, []).append(f"Line {number}")

@@ -61,7 +61,7 @@ _NO_COLUMN = "no such column"
 
 
 class Database:
-    """Gives sessions. Safe to share between threads, not between forked processes."""
+    """Provides sessions. Safe to share between threads, not between forked processes."""
 
     def __init__(self, url: str) -> None:
         self.engine = _engine(url)
@@ -75,7 +75,7 @@ class Database:
 
     @contextmanager
     def read(self) -> Iterator[Session]:
-        """Give a session to read with.
+        """Return a session for reading.
 
         SQLite reads in one transaction. On PostgreSQL each statement sees what is committed when it begins,
         as in a transaction of its default isolation, whose two ends would cost a round trip each.
@@ -88,7 +88,7 @@ class Database:
 
     @contextmanager
     def write(self) -> Iterator[Session]:
-        """Give a session for ONE write transaction: all of it is kept, or nothing."""
+        """Return a session for ONE write transaction: all of it is committed, or nothing."""
         with self._writes() as session, session.begin():
             yield session
             session.flush()
@@ -96,9 +96,9 @@ class Database:
 
     @contextmanager
     def claim(self) -> Iterator[Session]:
-        """Give a session for ONE statement, as `write` without audit lines.
+        """Return a session for ONE statement, as `write` without audit lines.
 
-        PostgreSQL keeps it at once: what it claims is locked for no round trip.
+        PostgreSQL commits it at once, so that what it claims is not locked during a round trip.
         """
         with self._claims() as session, session.begin():
             yield session
@@ -123,10 +123,10 @@ class Database:
 
 
 class _Session(Session):
-    """`get` makes its statement once for each table: to make it takes longer than to send it."""
+    """Caches the statement of `get` for each table: building it takes longer than sending it."""
 
     def get(self, entity: Any, ident: Any, **how: Any) -> Any:
-        """As in any session: what it holds already is not asked for."""
+        """As in any session: objects already loaded are not queried again."""
         keys = ident if isinstance(ident, tuple) else (ident,)
         if any(how.values()) or identity_key(entity, keys) in self.identity_map:
             return super().get(entity, ident, **how)
@@ -141,9 +141,9 @@ def _by_key(kind: type[Base]) -> Select[Any]:
 
 
 def _end_transaction(session: Session) -> None:
-    """Do what comes last and chain the audit lines; on PostgreSQL commit in the same breath.
+    """Run deferred statements and chain the audit lines; on PostgreSQL commit in the same round trip.
 
-    There what is sent together has to end itself where a condition fails: nothing divides by zero.
+    A batch on PostgreSQL must abort itself if a condition fails, which it does by a division by zero.
     """
     last, lines = take_last(session), take_audit_lines(session)
     if not last and not lines:
@@ -199,7 +199,7 @@ def sentence_of(error: DBAPIError) -> str:
 
 
 def reason_of(error: BaseException) -> dict[str, str]:
-    """Return as `reason` of a line of the log what a database said, where an operator can do something about it."""
+    """Return a database's error as the `reason` of a log line, if an operator can act on it."""
     if isinstance(error, DBAPIError):
         with suppress(DBAPIError):
             return {"reason": sentence_of(error)}
@@ -207,12 +207,12 @@ def reason_of(error: BaseException) -> dict[str, str]:
 
 
 def is_conflict(error: Exception) -> bool:
-    """Whether a key was taken, or what is changed or referred to was deleted, by another one's transaction."""
+    """Whether another transaction took the same key, or deleted what is changed or referred to."""
     return isinstance(error, StaleDataError) or _code_of(error) in _CONFLICTS
 
 
 def is_forbidden(error: Exception) -> bool:
-    """Whether a right or a column is missing, or a rule of the tables broken: no outage ends with it."""
+    """Whether a right or column is missing, or a constraint is violated: retrying does not help."""
     is_ruled = isinstance(error, IntegrityError) or _code_of(error) == _INSUFFICIENT_PRIVILEGE
     return is_ruled or _lacks_column(error)
 
@@ -278,9 +278,9 @@ Changes = tuple[tuple[str, Any], ...]
 def insert_if_absent(
     session: Session, table: type[Base], made: Changes = (), **values: Any
 ) -> bool:
-    """Insert a row, unless one of the same key is there; whether it was inserted.
+    """Insert a row unless its key exists; return whether it was inserted.
 
-    `made` is what the database works out, `values` the rest of the row.
+    `made` are SQL expressions, `values` the rest of the row.
     """
     inserted: Any = session.execute(_insert_statement(_insert(session), table, made), values)
     return bool(inserted.rowcount == 1)
@@ -301,11 +301,11 @@ def upsert(
     takes: tuple[str, ...],
     keys: tuple[str, ...],
 ) -> Executable:
-    """Return what inserts a row or, where one of the same keys is there, changes that one instead.
+    """Return a statement that inserts a row or, if its keys exist, updates the existing one.
 
-    It is made once and takes the values of the new row. `made` is what the database works out of
-    the new row, `changes` the same of the one that is there, `takes` what that one takes over of
-    the new row, `keys` what is unique.
+    Built once, it is executed with the values of the new row. `made` are SQL expressions for the new
+    row, `changes` those for an existing row, `takes` the columns that an existing row takes over from
+    the new one, `keys` the unique columns.
     """
     return _upsert_statement(_insert(session), table, made, changes, takes, keys)
 
@@ -351,7 +351,7 @@ def find_row(
 
 
 def hold_words(session: Session, words: str) -> None:
-    """Let nobody else hold these words until the transaction ends. SQLite has one writer."""
+    """Take an advisory lock on these words until the transaction ends. SQLite has one writer anyway."""
     if session.get_bind().dialect.name == "postgresql":
         key = func.hashtextextended(words, 0)
         session.execute(select(func.pg_advisory_xact_lock(key)))

@@ -18,7 +18,7 @@ class RecordsError(Exception):
 
 
 class InvalidRecord(RecordsError):
-    """A value cannot be taken as given; `fields` names the parts of the request that are wrong."""
+    """A value is invalid; `fields` names the parts of the request that are wrong."""
 
     code = ProblemCode.BAD_REQUEST
 
@@ -28,7 +28,7 @@ class InvalidRecord(RecordsError):
 
 
 class NotListed(InvalidRecord):
-    """A list is to go on after something that does not stand in it."""
+    """A page of a list is requested after an item that is not in the list."""
 
     def __init__(self) -> None:
         super().__init__(
@@ -38,7 +38,7 @@ class NotListed(InvalidRecord):
 
 
 class NotFound(RecordsError):
-    """There is no such thing, or it is not the asker's to see: the sentence is the same."""
+    """It does not exist, or the sender may not see it: the sentence is the same."""
 
     code = ProblemCode.NOT_FOUND
 
@@ -47,19 +47,19 @@ class NotFound(RecordsError):
 
 
 class Conflict(RecordsError):
-    """The request contradicts what is recorded."""
+    """The request conflicts with what is recorded."""
 
     code = ProblemCode.CONFLICT
 
 
 class NotConfirmed(RecordsError):
-    """The request takes the place of an entry of the team, and does not say that it may."""
+    """The upload would replace an entry of the team, and the request does not confirm that."""
 
     code = ProblemCode.NOT_CONFIRMED
 
 
 class NotAllowed(RecordsError):
-    """The asker may not do this."""
+    """The sender may not do this."""
 
     code = ProblemCode.NOT_ALLOWED
 
@@ -111,9 +111,9 @@ class RejectedCapExceeded(RecordsError):
         self.limit = limit
         self.resets_at = resets_at
         super().__init__(
-            f"{limit} files of your team brought no score today, which is the limit; wrong ones count, and sound "
-            f"ones that could not be scored. The next day begins at {resets_at:%Y-%m-%d %H:%M} UTC. A submission says "
-            "what was wrong with its file; `exceptiondrive check FILE --phase PHASE` says it before you submit."
+            f"{limit} files of your team brought no score today, which is the limit; faulty ones count, and "
+            f"sound ones that could not be scored. The next day begins at {resets_at:%Y-%m-%d %H:%M} UTC. A submission says "
+            "what is wrong with its file; `exceptiondrive check FILE --phase PHASE` says it before you submit."
         )
 
 
@@ -142,7 +142,7 @@ class StoreError(RecordsError):
 
 
 class UploadTooLarge(RecordsError):
-    """More bytes came than the limit allows."""
+    """The upload exceeds the size limit."""
 
     code = ProblemCode.UPLOAD_TOO_LARGE
 
@@ -155,7 +155,7 @@ class UploadTooLarge(RecordsError):
 
 @dataclass(frozen=True, order=True)
 class Violation:
-    """Something that must never be: which rule, of what, and how."""
+    """A violated invariant: which rule, of what, and how."""
 
     rule: str
     subject: str
@@ -166,7 +166,7 @@ class Violation:
 
 
 class UploadEmpty(RecordsError):
-    """The file has no byte."""
+    """The file is empty."""
 
     code = ProblemCode.UPLOAD_EMPTY
 

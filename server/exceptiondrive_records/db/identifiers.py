@@ -42,7 +42,7 @@ def random_id(length: int = 16) -> str:
 
 
 def secret_digest(secret: str) -> str:
-    """Return what is kept of a secret."""
+    """Return the digest that is stored in place of a secret."""
     return hashlib.sha256(secret.encode("utf-8", "surrogatepass")).hexdigest()
 
 
@@ -121,10 +121,10 @@ def checked_team(slug: str, name: str) -> str:
 
 
 def skeleton(name: str) -> str:
-    """Return a name as an eye reads it: two names with one skeleton look alike.
+    """Return the skeleton of a name: two names with the same skeleton look alike.
 
-    As in UTS 39, section 4, by the confusables of the library; besides without case, accents and
-    width, with i, l, 1 and I as one letter, and with all that is no letter or digit as a blank.
+    By UTS 39, section 4, with the library's table of confusables; in addition it drops case, accents
+    and width, merges i, l, 1 and I, and turns anything but letters and digits into a blank.
     """
     letters = _as_read(name).replace("i", "l")
     seen = (" " if unicodedata.category(c)[0] in "PSZ" else c for c in letters)
@@ -165,9 +165,9 @@ def _prototype(letter: str) -> str:
 
 @cache
 def _confusables() -> dict[str, list[str]]:
-    """Read once, by the first who names something: it takes longer than most modules.
+    """The library's table, loaded on first use: it takes longer to load than most modules.
 
-    Letters of Hebrew and Arabic stand there between marks that say where to go on reading.
+    Hebrew and Arabic letters in it are wrapped in directional marks.
     """
     from confusable_homoglyphs import confusables  # type: ignore[import-untyped]
 
@@ -183,13 +183,13 @@ def _reserved() -> frozenset[str]:
 
 
 def _marks_of(name: str) -> str:
-    """Say for each character whether it combines with the one before."""
+    """Return for each character whether it combines with the previous one."""
     decomposed = unicodedata.normalize("NFD", name)
     return "".join("m" if unicodedata.category(c)[0] == "M" else "." for c in decomposed)
 
 
 def checked_reason(reason: str) -> str:
-    """Return a reason that can be kept.
+    """Return a valid reason.
 
     Raises:
         InvalidRecord: It is empty, too long, or cannot be shown.

@@ -34,10 +34,9 @@ def do_last(
     *,
     is_shared: bool = False,
 ) -> None:
-    """Do something at the end of this write transaction.
+    """Defer a statement to the end of this write transaction.
 
-    Nothing is read of the statement. One that takes a row that others wait for (`is_shared`) comes
-    after all others.
+    Its result is not read. One that locks a contended row (`is_shared`) runs after all others.
     """
     _last_of(session).append(_Last(what, dict(given or {}), is_shared))
 
@@ -45,9 +44,9 @@ def do_last(
 def require_last(
     session: Session, holds: ColumnElement[bool], given: Mapping[str, Any], refusal: Exception
 ) -> None:
-    """Keep this write transaction only if a condition holds at its end, when its shared rows are held.
+    """Commit this write transaction only if a condition holds at its end, with its shared rows locked.
 
-    Else `refusal` is raised.
+    Otherwise `refusal` is raised.
     """
     _last_of(session).append(
         _Last(_fail_unless(holds), dict(given), is_shared=True, refusal=refusal)
@@ -65,6 +64,6 @@ def _last_of(session: Session) -> list[_Last]:
 
 
 def take_last(session: Session) -> list[_Last]:
-    """Return what is to be done now, in its order; it is not asked for again."""
+    """Return the deferred statements in order, and clear them."""
     last: list[_Last] = session.info.pop(_LAST, [])
     return sorted(last, key=lambda each: each.is_shared)

@@ -10,9 +10,9 @@ V = TypeVar("V")
 
 
 class Memory(Generic[K, V]):
-    """Values by key, up to a weight together. Safe to share between threads.
+    """Values by key, bounded by their total weight. Safe to share between threads.
 
-    The newest is kept however heavy it is: made again for everybody who asks, it would take as much.
+    The newest is kept however heavy it is: computing it again for every request would cost as much.
     """
 
     def __init__(self, room: int) -> None:
@@ -23,7 +23,7 @@ class Memory(Generic[K, V]):
         """Of all that is kept."""
 
     def get(self, key: K) -> V | None:
-        """Return what is kept under a key."""
+        """Return the value of a key, if cached."""
         with self._lock:
             if key not in self._kept:
                 return None
@@ -31,7 +31,7 @@ class Memory(Generic[K, V]):
             return self._kept[key][0]
 
     def keep(self, key: K, value: V, weight: int) -> V:
-        """Keep a value in place of what was kept under its key, and return it."""
+        """Store a value under its key, replacing any earlier one, and return it."""
         with self._lock:
             self.weight -= self._kept.pop(key, (None, 0))[1]
             self._forget_beyond(self._room - weight)
@@ -40,7 +40,7 @@ class Memory(Generic[K, V]):
         return value
 
     def make_room(self, weight: int) -> None:
-        """Forget what will have no room beside a value of this weight, before that is made."""
+        """Evict what will not fit beside a value of this weight, before that is computed."""
         with self._lock:
             self._forget_beyond(self._room - weight)
 

@@ -30,7 +30,7 @@ _LOCK_TIMEOUT = "30s"
 
 
 def postgresql_engine(url: str) -> Engine:
-    """Return an engine whose connections are asked whether they live where there is any doubt."""
+    """Return an engine that pings connections before use if they may be broken."""
     engine = create_engine(
         url,
         pool_size=5,
@@ -63,7 +63,7 @@ def postgresql_engine(url: str) -> Engine:
 
 
 def _refuse_pooler(connection: Any, _: ConnectionPoolEntry) -> None:
-    """One that gives each transaction another session keeps no setting, and answers with what another one prepared."""
+    """Refuse a pooler in transaction mode: it drops settings and mixes up prepared statements of sessions."""
     connection.autocommit = True
     (kept,) = connection.execute("SHOW lock_timeout").fetchone()
     connection.autocommit = False
@@ -92,9 +92,9 @@ def _begin_with(how: str, cursor: Any, statement: Any, parameters: Any, context:
 
 
 def _must_begin(cursor: Any, context: Any) -> bool:
-    """Whether this is the first statement of a write transaction: BEGIN goes with it.
+    """Whether this is the first statement of a write transaction: BEGIN is sent with it.
 
-    What is read row by row needs a transaction too, and gets one here.
+    Reading row by row needs a transaction, too, which begins here.
     """
     connection = cursor.connection
     if not connection.autocommit or has_begun(connection):
@@ -112,9 +112,9 @@ def has_begun(driver: "psycopg.Connection[Any]") -> bool:
 
 @contextmanager
 def in_one_go(connection: Connection) -> Iterator["psycopg.Connection[Any]"]:
-    """Send what is executed inside and commit it, without waiting for an answer in between.
+    """Pipeline the statements executed inside and the commit, without waiting for results in between.
 
-    The first error is raised at the end, and nothing of the transaction is kept then.
+    The first error is raised at the end, and the transaction is then rolled back.
 
     Raises:
         DBAPIError: As for a statement by itself.

@@ -19,7 +19,7 @@ from exceptiondrive_records.db.errors import InvalidRecord
 
 
 class Role(StrEnum):
-    """Who connects to the database, besides its owner."""
+    """The services that connect to the database, besides its owner."""
 
     API = "exceptiondrive_api"
     WORKER = "exceptiondrive_worker"
@@ -42,7 +42,7 @@ _VERSIONS = "alembic_version"
 
 
 def _all_but(table: str, *fixed: str) -> str:
-    """Rights to read, add and change rows, but for columns that are fixed when a row is made."""
+    """Rights to select, insert and update, except for columns that never change."""
     columns = [column.name for column in Base.metadata.tables[table].columns]
     return f"SELECT, INSERT, UPDATE ({', '.join(name for name in columns if name not in fixed)})"
 
@@ -114,13 +114,13 @@ WORK_RIGHTS: Mapping[str, tuple[str, str, str]] = {
 
 
 def rights_of(role: Role) -> dict[str, str]:
-    """Return the rights of a role: table to what stands between GRANT and ON."""
+    """Return the rights of a role: by table, the text between GRANT and ON."""
     column = list(Role).index(role)
     return {table: rights[column] for table, rights in RIGHTS.items() if rights[column]}
 
 
 def grants(role: Role) -> Iterator[str]:
-    """Yield the statements that give a role its rights, and take every other right away."""
+    """Yield the statements that grant a role its rights and revoke all others."""
     yield f"REVOKE ALL ON ALL TABLES IN SCHEMA public FROM {role}"
     yield f"REVOKE ALL ON ALL SEQUENCES IN SCHEMA public FROM {role}"
     yield "REVOKE CREATE ON SCHEMA public FROM PUBLIC"
@@ -210,7 +210,7 @@ and nothing that was so at another time. Late views are the workers', which the 
 
 
 def _work_policies(role: Role) -> Iterator[str]:
-    """Everybody sees all work; whoever changes a row needs the right to its kind."""
+    """Row policies of the work table: all may read it; changing a row needs the right to its kind."""
     yield "ALTER TABLE work ENABLE ROW LEVEL SECURITY"
     column = list(Role).index(role)
     for verb in ("SELECT", "INSERT", "UPDATE", "DELETE"):
@@ -271,7 +271,7 @@ def grant_to_files(owner_url: str, files: list[Path]) -> list[Role]:
 
 
 def make_role(session: Session, role: Role) -> bool:
-    """Make a role that may sign in, unless it is there; whether it was made."""
+    """Create a role that may log in, unless it exists; return whether it was created."""
     query = text("SELECT 1 FROM pg_roles WHERE rolname = :name")
     if session.scalar(query, {"name": str(role)}) is not None:
         return False
@@ -291,7 +291,7 @@ def _can_connect(url: URL) -> bool:
 
 
 def _set_password(session: Session, role: Role, password: str) -> None:
-    """Let a role sign in with a password; the log sees a digest of it."""
+    """Set a role's password; the database's log shows only a digest of it."""
     from psycopg import Connection, sql  # PostgreSQL's alone: others do without
 
     driver = session.connection().connection.driver_connection
@@ -304,6 +304,6 @@ def _set_password(session: Session, role: Role, password: str) -> None:
 
 
 def grant(session: Session, role: Role) -> None:
-    """Give a role exactly its rights."""
+    """Grant a role exactly its rights."""
     for statement in grants(role):
         session.execute(text(statement))

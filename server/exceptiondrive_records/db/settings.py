@@ -24,7 +24,7 @@ _UNREADABLE = (
 
 
 def matching(pattern: str, words: str) -> AfterValidator:
-    """Refuse a text that does not match, with these words about what it must be."""
+    """Return a validator that refuses texts that do not match, with these words."""
 
     def check(text: str) -> str:
         if not re.fullmatch(pattern, text):
@@ -48,7 +48,7 @@ class SettingsError(Exception):
 
 
 class RecordsSettings(BaseSettings):
-    """What server, reconciler and worker must agree on.
+    """Settings that server, reconciler and worker share.
 
     Every field is an environment variable with the prefix `EXCEPTIONDRIVE_`.
     """
@@ -102,7 +102,7 @@ Settings = TypeVar("Settings", bound=RecordsSettings)
 
 
 def folder_settings(data: Path) -> dict[str, str]:
-    """Return where `exceptiondrive-server run` keeps what, in its data folder, by name of the setting."""
+    """Return the paths that `exceptiondrive-server run` uses in its data folder, by setting."""
     folder = data.resolve()
     return {
         "database_url": f"sqlite:///{folder / 'records.sqlite3'}",

@@ -30,7 +30,7 @@ MAX_CHOICES_A_DAY = 50
 def choose(
     session: Session, submission_id: str, *, actor: str, rule: RunRule = "this"
 ) -> Submission:
-    """Say which run stands on the board; the last word before the deadline counts.
+    """Choose which run counts on the board; the last choice before the deadline holds.
 
     In a phase that shows one entry of each team, this submission stands for the team. In one that
     lets teams choose the run of a method, this run stands for its method, or the best or newest one.
@@ -142,7 +142,7 @@ def publishable(session: Session, phase: Phase, private: Sequence[Submission]) -
 
 
 def unpublish(session: Session, submission_id: str, *, actor: str) -> Submission:
-    """Take an entry off the board; boards that showed it keep what they showed. Twice is once.
+    """Take an entry off the board; boards that showed it keep it. Idempotent.
 
     Raises:
         NotFound: No such submission.
@@ -171,12 +171,12 @@ def _show(session: Session, submission_id: str, actor: str, *, is_public: bool) 
 
 
 def _is_final(phase: Phase, submission: Submission, now: datetime) -> bool:
-    """Whether it came in time and its deadline has passed."""
+    """Whether a submission was in time and its deadline has passed."""
     return not is_late(phase, submission) and not can_change(phase, submission, now)
 
 
 def _require_changes_left(session: Session, submission: Submission) -> None:
-    """Each choice asks for a new board, which is kept for ever: audit lines say how many there were."""
+    """Limit choices, counted by audit lines: each one requests a new board, which is kept forever."""
     own = select(Submission.id).where(Submission.team_id == submission.team_id)
     choices = ("entry chosen", "entry published", "entry made private")
     if lines_of_a_day(session, choices, own) >= MAX_CHOICES_A_DAY:

@@ -16,10 +16,10 @@ _LOCK = 0x45447363  # any constant: one migration at a time on PostgreSQL
 
 
 def migrate(url: str) -> None:
-    """Bring the database to the newest schema; all of a migration is applied, or nothing.
+    """Bring the database to the newest schema; each migration is atomic.
 
-    A schema newer than this code knows is left as it is: migrations only add, so that this code
-    runs on it, as it must between an upgrade and its taking back.
+    A schema newer than this code knows is left as it is: migrations only add, so that this code works
+    with it, as it must between an upgrade and its rollback.
 
     Raises:
         SettingsError: The records were made by an unreleased state of this schema, before it had all its columns.
@@ -49,7 +49,7 @@ def _upgrade(database: Database) -> None:
 
 
 def newest_revision() -> str:
-    """Return the revision that `migrate` leads to."""
+    """Return the revision to which `migrate` upgrades."""
     return _revisions(FOLDER)[-1]
 
 
@@ -60,13 +60,13 @@ def is_current(database: Database) -> bool:
 
 
 def is_usable(database: Database) -> bool:
-    """Whether this code can work with the schema: it is the newest known one, or newer still."""
+    """Whether this code can work with the schema: it is the newest known one, or a newer one."""
     with database.read() as session:
         return _is_usable(session)
 
 
 def missing_schema(database: Database) -> str:
-    """Say which tables and columns this code needs and the database lacks; empty: none."""
+    """Name the tables and columns that this code needs and the database lacks; empty if none."""
     found = inspect(database.engine)
     known = {
         name: {it["name"] for it in found.get_columns(name)} for name in found.get_table_names()

@@ -28,7 +28,7 @@ def publish_news(
     plain: str,
     to_its_teams: bool = False,
 ) -> News:
-    """Announce something of a phase, and tell every team; the same words go out once.
+    """Publish news of a phase and notify every team; the same text is sent only once.
 
     The text is Markdown. Inboxes know none: they are told `plain`, or the text as it is written.
     With `to_its_teams` those alone are told that submitted to the phase.
@@ -62,7 +62,7 @@ def publish_news(
 
 
 def withdraw_news(session: Session, news_id: str, *, reason: str, actor: str) -> News:
-    """Take news from page and feed; what teams were told stays told.
+    """Remove news from page and feed; notices to teams stay.
 
     Raises:
         NotFound: There is none.

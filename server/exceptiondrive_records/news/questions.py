@@ -121,7 +121,7 @@ def answer_question(
 
 
 def _as_words(line: str) -> str:
-    """Escape Markdown: no link, heading or definition of a question changes what the answer says."""
+    """Escape Markdown, so that no link, heading or definition in a question alters the answer."""
     return _NUMBER.sub(r"\1\\\2", _MARKS.sub(r"\\\g<0>", line.strip()))
 
 

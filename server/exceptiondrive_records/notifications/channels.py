@@ -60,11 +60,11 @@ _LONGEST_S = 20.0
 
 
 class NotDelivered(Exception):  # noqa: N818 - says what happened
-    """The message did not reach its address; the text says why, without quoting an answer."""
+    """The message was not delivered; the text says why, without quoting a response."""
 
 
 class _Stumbled(NotDelivered):
-    """Another try may help. httpx's own error would tell the log the address, which often is a secret."""
+    """A retry may help. httpx's own error would put the address, often a secret, into the log."""
 
 
 def signature(secret: str, timestamp: int, body: bytes) -> str:
@@ -93,9 +93,9 @@ def allowed_address(url: SplitResult) -> str:
 
 
 def send_webhook(url: str, secret: str, body: bytes, timestamp: int) -> None:
-    """Send a signed message, a few times if need be; redirects are not followed.
+    """Send a signed message, with a few retries; redirects are not followed.
 
-    The Unix time is in the signature: old messages cannot be played again.
+    The signature covers the Unix time, so that old messages cannot be replayed.
 
     Raises:
         NotDelivered: It did not get there.
@@ -140,7 +140,7 @@ async def _post_in_time(url: str, host: str, headers: dict[str, str], body: byte
 async def _post(
     client: httpx.AsyncClient, url: str, host: str, headers: dict[str, str], body: bytes
 ) -> None:
-    """POST once; of the answer nothing but its status is read."""
+    """POST once; only the status of the response is read."""
     async with client.stream(
         "POST", url, content=body, headers=headers, extensions={"sni_hostname": host}
     ) as answer:
@@ -188,9 +188,9 @@ def send_email(
 def message_of(
     settings: NoticeSettings, to: str, notice: NotificationView, unsubscribe: str
 ) -> EmailMessage:
-    """Return the message; no name of a team or phase can add a header or a line to it.
+    """Return the mail; names of teams and phases cannot inject headers or lines.
 
-    Mail programs offer to unsubscribe by its headers (RFC 2369, and with one click RFC 8058).
+    Its headers let mail programs offer to unsubscribe (RFC 2369, with one click RFC 8058).
     """
     leave = f"{settings.public_url.rstrip('/')}{unsubscribe}"
     message = EmailMessage(policy=_LONG_LINES)
@@ -209,7 +209,7 @@ def message_of(
 
 
 def text_of(notice: NotificationView, site_url: str) -> str:
-    """Return the words of the message."""
+    """Return the text of the message."""
     if notice.from_protocol is None or notice.to_protocol is None:
         return _plain_text(notice, site_url)
     changes = [f"- {one_line(sentence)}" for sentence in notice.what_changed]

@@ -234,7 +234,7 @@ def violations(session: Session) -> list[Violation]:
                 found.extend(rule(session))
         except (AttributeError, LookupError, TypeError, ValueError) as error:
             subject = rule.__name__.strip("_").replace("_", " ")
-            text = f"{type(error).__name__}: mend the rows that cannot be read, then look again"
+            text = f"{type(error).__name__}: repair the rows that cannot be read, then verify again"
             found.append(Violation("rule broken off", subject, text))
     return found
 

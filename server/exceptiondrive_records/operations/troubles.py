@@ -79,7 +79,7 @@ def _lanes(session: Session) -> Iterator[Trouble]:
             "lane_without_worker",
             Lane.LIVE,
             "No worker is alive: nothing is scored. Nothing is lost meanwhile.",
-            "start one: exceptiondrive-worker run; of one that runs its log says what keeps it",
+            "start one: exceptiondrive-worker run; if one is running, its log says what stops it",
             stops_scoring=True,
         )
         return
@@ -107,9 +107,9 @@ def _splits(session: Session) -> Iterator[Trouble]:
             split,
             f"{who} cannot use split {name}{at}: "
             f"{f'{its} wait' if waits else f'the others alone score {its}'}.",
-            f"put it back to {name}/split.json.gz in the workers' folder of splits; the folder has "
-            "the name of the split. Where it lies there, floors.toml beside it cannot be read: the workers' "
-            "log says why. What waits is scored by itself",
+            f"put it back as {name}/split.json.gz in the workers' folder of splits; the folder has "
+            "the name of the split. If it is there, floors.toml beside it cannot be read: the workers' "
+            "log says why. What waits is then scored without further action",
             stops_scoring=waits and is_shown,
         )
 
@@ -120,7 +120,7 @@ def _reconciler(session: Session) -> Iterator[Trouble]:
         yield Trouble(
             "no_reconciler",
             "reconciler",
-            "No reconciler leads: webhooks, mail and rescoring wait, and what was lost is not found again.",
+            "No reconciler leads: webhooks, mail and rescoring wait, and lost work is not found again.",
             "start one: exceptiondrive-server reconcile",
         )
 
@@ -137,7 +137,7 @@ def _boards(session: Session) -> Iterator[Trouble]:
         yield Trouble(
             "board_not_built",
             phase.id,
-            f"A new board of phase {phase.title} ({phase.id}) was begun {n_times} times and not "
+            f"A new board of phase {phase.title} ({phase.id}) was started {n_times} times and never "
             f"finished: {seen}.",
             "the workers' log says why, at job=board: docs/operating.md has its codes",
         )
@@ -155,16 +155,16 @@ def _phases(session: Session, phases: Sequence[Phase]) -> Iterator[Trouble]:
             yield Trouble(
                 "reported_beside_other_split",
                 phase.id,
-                f"Phase {phase.title} ({phase.id}) leads to the paper's results, which are of the paper's samples, "
-                f"not of split {phase.split_name}.",
+                f"Phase {phase.title} ({phase.id}) links to the paper's results, which were measured on the "
+                f"paper's samples, not on split {phase.split_name}.",
                 f"exceptiondrive organizer phases update {phase.id} --no-shows-reported",
             )
     for split, names in without_drives.items():
         yield Trouble(
             "no_recorded_drives",
             split,
-            f"Split {split} of {'phase' if len(names) == 1 else 'phases'} {', '.join(names)} holds no recorded "
-            "drives: nothing compares source trajectories with them, and a file at a wrong time step may lead.",
+            f"Split {split} of {'phase' if len(names) == 1 else 'phases'} {', '.join(names)} has no recorded "
+            "drives: source trajectories are compared with nothing, and a file at a wrong time step may lead.",
             "add them (exceptiondrive-worker add-drives, then add-split), and rescore: docs/organizing.md",
         )
 
@@ -191,11 +191,11 @@ def _mail(session: Session) -> Iterator[Trouble]:
         yield Trouble(
             "mail_not_sent",
             "mail",
-            f"Mail may not go out: {counted(n_mails, 'message')} to "
-            f"{counted(n_addresses, 'address', 'addresses')} came to nothing, and none was sent since. "
-            "The log of exceptiondrive-server reconcile says why. Teams find all in their notices.",
-            "set right what the log says at 'not delivered'; docs/rescoring.md has the settings of "
-            "mail. What still waits is then sent by itself",
+            f"Mail may not be going out: {counted(n_mails, 'message')} to "
+            f"{counted(n_addresses, 'address', 'addresses')} failed, and none has been sent since. "
+            "The log of exceptiondrive-server reconcile says why. Teams find everything in their notices.",
+            "fix what the log says at 'not delivered'; docs/rescoring.md has the settings of mail. "
+            "Waiting messages are then sent without further action",
         )
 
 
@@ -204,9 +204,9 @@ def _store(session: Session) -> Iterator[Trouble]:
         yield Trouble(
             "files_without_record",
             "file store",
-            "The file store holds more files that are in no record than crashes leave, as where the database "
-            "is older than the uploads, or another. None was removed.",
-            "put the newest database back; where this is it, remove them: exceptiondrive-server sweep "
+            "The file store holds more files without a record than crashes leave behind: the database may be "
+            "older than the uploads, or another one. None was removed.",
+            "put the newest database back; if this is it, remove them: exceptiondrive-server sweep "
             "--older-than-hours 1",
         )
 

@@ -71,9 +71,11 @@ def set_allowance(
         elif phase.closes_at is None:
             raise InvalidRecord("The phase has no deadline: no team needs a later one.")
         else:
-            raise InvalidRecord("A team's own deadline must lie after that of the phase.")
+            raise InvalidRecord("A team's own deadline must be later than that of the phase.")
     if closes_at is not None and is_revealed(session, phase):
-        raise Conflict("What was kept back is revealed: nothing more can be in time.")
+        raise Conflict(
+            "What was hidden has been revealed: no later deadline can be given any more."
+        )
     before = {name: getattr(row, name, None) for name in _SAID}
     after = {**before, **limits}
     if after == before:
@@ -123,7 +125,7 @@ def _require_in_time(session: Session, until: datetime | None, *own: ColumnEleme
     if last is not None:
         raise Conflict(
             f"The team sent a file at {last:%Y-%m-%d %H:%M:%S} UTC: what was accepted in time would "
-            "become late. Set a time after that, or leave it."
+            "become late. Set a later time, or leave the deadline as it is."
         )
 
 

@@ -156,9 +156,9 @@ def _require_mergeable(session: Session, team: Team, target: Team) -> None:
     for each in (team, target):
         if each.merged_into_id is not None:
             into = session.get_one(Team, each.merged_into_id).slug
-            raise Conflict(f"The team {each.slug} is part of {into} already: take that one.")
+            raise Conflict(f"The team {each.slug} was already merged into {into}: use that one.")
         if each.forgotten_at is not None:
-            raise Conflict(f"The team {each.slug} is forgotten: it stays what it is.")
+            raise Conflict(f"The team {each.slug} was forgotten and cannot be merged.")
     if team.is_reference or target.is_reference:
         raise Conflict("A reference team cannot be merged.")
     if team.pending_since is not None or target.pending_since is not None:
@@ -177,8 +177,8 @@ def _require_mergeable(session: Session, team: Team, target: Team) -> None:
         found = found.where(row.team_id == its_team.id, row.status.not_in(_GIVEN_UP))
     if both := session.scalars(found).all():
         raise Conflict(
-            f"Both teams submitted the same bytes: {', '.join(both[:5])}. One team has a file once "
-            "in a phase: withdraw it for one of them first; a rejected one cannot be."
+            f"Both teams submitted the same bytes: {', '.join(both[:5])}. A team can have a file "
+            "only once in a phase: withdraw it for one of them first; a rejected one cannot be withdrawn."
         )
     _require_places(session, Submission.team_id.in_((team.id, target.id)))
 

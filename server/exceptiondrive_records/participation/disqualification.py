@@ -52,7 +52,7 @@ def disqualify_team(
     if team.merged_into_id is not None:
         into = session.get_one(Team, team.merged_into_id).slug
         raise Conflict(
-            f"It is part of the team {into}, with all that it sent: disqualify that one, or an entry."
+            f"It was merged into the team {into}, with all that it sent: disqualify that one, or an entry."
         )
     if phase_id is not None:
         require_known_to(session, team.id, find_phase(session, phase_id))
@@ -136,9 +136,7 @@ def _locked_team_of(session: Session, row: Submission | Disqualification) -> Tea
     team = hold_team(session, row.team_id)
     session.refresh(row, with_for_update={"key_share": True})
     if row.team_id != team.id:
-        raise Conflict(
-            f"The team {team.slug} became part of another one meanwhile: do it once more."
-        )
+        raise Conflict(f"The team {team.slug} was merged into another one meanwhile: try again.")
     return team
 
 

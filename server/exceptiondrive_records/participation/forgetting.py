@@ -47,12 +47,14 @@ def forget_team(session: Session, slug: str, *, reason: str, actor: str) -> Team
     """
     team = find_team(session, slug, lock=True)
     if team.is_reference:
-        raise Conflict("A reference team stands for no people: there is nothing to forget.")
+        raise Conflict("A reference team has no people: there is nothing to forget.")
     if team.forgotten_at is not None:
         raise Conflict(f"It was forgotten at {team.forgotten_at:%Y-%m-%d %H:%M} UTC.")
     if team.merged_into_id is not None:
         into = session.get_one(Team, team.merged_into_id).slug
-        raise Conflict(f"It is part of the team {into}, with all that it sent: forget that one.")
+        raise Conflict(
+            f"It was merged into the team {into}, with all that it sent: forget that one."
+        )
     all_of_it = [team]
     for each in all_of_it:  # grows, by the teams that were merged into one that was
         merged = select(Team).where(Team.merged_into_id == each.id).order_by(Team.id)
@@ -84,7 +86,7 @@ def forget_person(session: Session, person_id: str, *, reason: str, actor: str) 
     """
     person = find_person(session, person_id, lock=True)
     if person.is_organizer:
-        raise Conflict("The person is an organizer: take their role first.")
+        raise Conflict("The person is an organizer: remove their role first.")
     audit(session, actor, "person forgotten", person.id, {"reason": checked_reason(reason)})
     for team in teams_of(session, person.id):
         remove_member(session, team.id, person.id, actor=actor)

@@ -71,13 +71,13 @@ def update_phase(session: Session, phase_id: str, change: PhaseChange, *, actor:
         _set_policy(session, phase, policy, now)
     if was_revealed and phase.closes_at != old_dates[0]:
         raise Conflict(
-            "What was kept back is revealed, and teams could tune on it if the deadline moved. Make "
-            "another phase."
+            "What was hidden has been revealed, and teams could tune on it if the deadline moved. "
+            "Create another phase."
         )
     if phase.closes_at is not None and phase.closes_at != old_dates[0] and phase.closes_at < now:
         raise InvalidRecord(
-            "closes_at lies in the past: what was accepted in time would become late. Set a time "
-            "to come, or leave it."
+            "closes_at is in the past: what was accepted in time would become late. Set a future "
+            "time, or leave it as it is."
         )
     check_phase(phase, is_freeze_new=(phase.closes_at, phase.policy.freezes_at) != old_dates)
     after = _document(phase)
@@ -125,7 +125,7 @@ def delete_phase(session: Session, phase_id: str, *, reason: str, actor: str) ->
     flush_or_refuse(
         session,
         f"Phase {phase_id!r} was used: submissions or rescoring runs refer to it, so it stays. "
-        "Archive it, or hide it: `visibility`.",
+        "Archive or hide it: `visibility`.",
     )
     audit(session, actor, "phase deleted", phase_id, detail)
 
@@ -170,15 +170,13 @@ def _set_policy(session: Session, phase: Phase, policy: PhasePolicy, now: dateti
     was_frozen = frozen_since(phase, now) is not None or phase.unfrozen_at is not None
     if was_frozen and policy.frozen_scores != old.frozen_scores:
         raise Conflict(
-            "The board has been frozen: whether scores are kept back meanwhile cannot change any more."
+            "The board has been frozen: whether scores are hidden meanwhile can no longer change."
         )
     if policy.freezes_at != old.freezes_at:
         if frozen_since(phase, now) is not None:
             raise Conflict("The board is frozen: reveal it, instead of moving freezes_at.")
         if policy.freezes_at is not None and policy.freezes_at < now:
-            raise InvalidRecord(
-                "freezes_at lies in the past. To freeze now, use the action freeze."
-            )
+            raise InvalidRecord("freezes_at is in the past. To freeze now, use the action freeze.")
     if families_shown_from(policy, now) and families_shown_from(old, now) is None:
         _require_no_scores(session, phase)
     phase.policy = policy
@@ -199,19 +197,19 @@ def _keep_promises(
             _PROMISED,
             True,
             "The phase has submissions",
-            "Names are shown by revealing them; the other part of a split likewise.",
+            "Reveal the names instead; likewise the other part of a split.",
         ),
-        (_REVEALED, is_revealed, "What was kept back is revealed", "Make another phase."),
+        (_REVEALED, is_revealed, "What was hidden has been revealed", "Create another phase."),
         (
             _FINAL,
             is_over,
-            "What stands at the deadline is final",
-            "Set closes_at to a time to come with it, or make another phase.",
+            "What counts at the deadline is final",
+            "Set closes_at to a future time as well, or create another phase.",
         ),
     ):
         broken = [what for key, what in fixed.items() if getattr(old, key) != getattr(new, key)]
         if is_fixed and broken and _has_submissions(session, phase):
-            raise Conflict(f"{why}: {' and '.join(broken)} cannot change any more. {instead}")
+            raise Conflict(f"{why}: {' and '.join(broken)} can no longer change. {instead}")
 
 
 def _has_submissions(session: Session, phase: Phase) -> bool:

@@ -128,7 +128,9 @@ def create_phase(session: Session, new: NewPhase, *, actor: str) -> Phase:
     if session.get(Phase, new.id) is not None:
         raise Conflict(f"There is a phase {new.id!r} already.")
     session.add(phase)
-    flush_or_refuse(session, "Its protocol was deleted meanwhile, or the id taken: look anew.")
+    flush_or_refuse(
+        session, "Its protocol was deleted meanwhile, or the id taken: reload the page."
+    )
     want_board(session, phase.id, phase.protocol_digest)
     detail = {
         "challenge": phase.challenge,

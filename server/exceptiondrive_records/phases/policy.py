@@ -56,7 +56,7 @@ def shows_pseudonyms(session: Session, phase: Phase) -> bool:
 def is_open(phase: Phase, now: datetime, own_closes_at: datetime | None = None) -> bool:
     """Whether a shown phase takes submissions: from `opens_at` until just before `closes_at`.
 
-    Of a team that was granted a deadline of its own, until just before that.
+    For a team with a later deadline of its own, until just before that.
     """
     closes_at = own_closes_at or phase.closes_at
     has_opened = phase.opens_at is None or phase.opens_at <= now
@@ -81,9 +81,9 @@ def has_closed(phase: Phase, moment: datetime) -> bool:
 
 
 def takes_late_entries(session: Session, phase: Phase, moment: datetime) -> bool:
-    """Whether what comes at this moment is accepted for the late view.
+    """Whether a submission at this moment is accepted for the late view.
 
-    Nothing is once the split is revealed: late files would ask the private part again and again.
+    None is after the split is revealed: late files could probe the private part without end.
     """
     is_wanted = has_closed(phase, moment) and phase.policy.late_entries == "own_view"
     is_wanted = is_wanted and phase.visibility == "shown"
@@ -97,7 +97,7 @@ def is_split_revealed(session: Session, phase: Phase) -> bool:
 
 
 def was_split_revealed(session: Session, phase: Phase) -> bool:
-    """Whether readers ever saw a board of more than the public part: no rollback takes that back."""
+    """Whether a board of more than the public part was ever shown, which no rollback undoes."""
     if phase.policy.live_part != "public":
         return False
     shown = (
@@ -158,7 +158,7 @@ def can_change(phase: Phase, submission: Submission, now: datetime) -> bool:
 
 
 def phase_now(session: Session, phase: Phase) -> PhaseNow:
-    """Return where a phase stands, as everybody may know it."""
+    """Return the public state of a phase."""
     now = database_now(session)
     split = session.get_one(SplitRow, (phase.split_name, phase.split_revision))
     return PhaseNow(
@@ -233,7 +233,7 @@ def shown_sheet(phase: Phase, row: ScoreSheetRow, now: datetime) -> ScoreSheet:
 
 
 def without_breakdown(sheet: ScoreSheet) -> ScoreSheet:
-    """Return the totals of a sheet alone: nothing that is counted over some samples only.
+    """Return only the totals of a sheet: nothing that is computed over a subset of samples.
 
     A further row with an `n` is counted so too: the answers to samples with one acceptable set tell
     which set each sample has, as a task would, and reminder records about one sample its task. Of

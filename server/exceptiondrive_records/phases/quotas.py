@@ -76,7 +76,7 @@ def _used_and_granted() -> Select[Any]:
 
 
 def require_quota(quota: Quota, *, is_sound: bool) -> None:
-    """Refuse one submission more than allowed; who accepts one has read the quota under the team's lock.
+    """Refuse a submission beyond the quota; when one is accepted, the quota was read under the team's lock.
 
     A sound file will not be rejected.
 

@@ -46,29 +46,29 @@ class ScoringKey(NamedTuple):
 
 
 def is_of_key(rows: type[Job | ScoreSheetRow | BoardRow], key: ScoringKey) -> ColumnElement[bool]:
-    """Whether a job makes, a sheet is, or a board shows, what a key names."""
+    """Condition on a job, sheet or board: it belongs to a key."""
     return and_(
         rows.protocol_digest == key.protocol_digest, rows.split_revision == key.split_revision
     )
 
 
 def key_of_phase(phase: Phase) -> ScoringKey:
-    """Return what the phase shows."""
+    """Return the key that the phase shows."""
     return ScoringKey(phase.protocol_digest, phase.split_revision)
 
 
 def old_key(run: RescoringRun) -> ScoringKey:
-    """Return what the run leaves."""
+    """Return the key from which the run starts."""
     return ScoringKey(run.from_protocol_digest, run.from_split_revision)
 
 
 def new_key(run: RescoringRun) -> ScoringKey:
-    """Return what the run leads to."""
+    """Return the key to which the run leads."""
     return ScoringKey(run.to_protocol_digest, run.to_split_revision)
 
 
 def shadow_key(run: RescoringRun) -> ScoringKey:
-    """Return the side that the public board does not show: it is scored in the background."""
+    """Return the key of the run that the public board does not show: it is scored in the background."""
     return old_key(run) if run.state is RunState.APPLIED else new_key(run)
 
 

@@ -35,7 +35,7 @@ def terms_accepted_at(session: Session, team_id: int, phase: Phase) -> datetime 
 def accept_terms(
     session: Session, team_id: int, phase: Phase, version: str, *, actor: str
 ) -> TermsAcceptance:
-    """Note that a team accepts the terms that it read; twice is once.
+    """Record that a team accepts the terms that it read; idempotent.
 
     Raises:
         Conflict: The terms are others by now, or none need be accepted.

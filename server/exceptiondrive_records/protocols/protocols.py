@@ -56,7 +56,7 @@ def add_protocol(session: Session, toml: str, actor: str) -> ProtocolDocument:
 def delete_protocol(
     session: Session, version_or_digest: str, *, reason: str, actor: str
 ) -> ProtocolDocument:
-    """Delete a protocol that nothing was ever made of; its version may be taken again.
+    """Delete a protocol that was never used; its version may be reused.
 
     Raises:
         NotFound: There is none.
@@ -69,20 +69,20 @@ def delete_protocol(
     users = protocol_users(session).get(row.digest)
     if users:
         raise Conflict(
-            f"Protocol {row.version} stays: {', '.join(users)} names it, and the records keep every "
-            "run, of cancelled ones too what a worker found. A new document needs another version."
+            f"Protocol {row.version} cannot be deleted: {', '.join(users)} names it, and the records keep "
+            "every run, even a cancelled one. A new document needs another version."
         )
     if row.digest in packaged_digests():
-        raise Conflict(f"Protocol {row.version} came with this software; readers find it here.")
+        raise Conflict(f"Protocol {row.version} comes with this software and cannot be deleted.")
     session.delete(row)
-    flush_or_refuse(session, f"Protocol {protocol.version} is in use and stays.")
+    flush_or_refuse(session, f"Protocol {protocol.version} is in use and cannot be deleted.")
     detail = {"digest": protocol.digest, "reason": reason}
     audit(session, actor, "protocol deleted", protocol.version, detail)
     return protocol
 
 
 def protocol_users(session: Session) -> dict[str, list[str]]:
-    """Return what names each protocol, in words: phases, rescoring runs, and withheld splits opened under it."""
+    """Return the users of each protocol, in words: phases, runs, and withheld splits opened under it."""
     phases = session.execute(select(Phase.protocol_digest, Phase.id))
     sides = RescoringRun.from_protocol_digest, RescoringRun.to_protocol_digest
     runs = [row for side in sides for row in session.execute(select(side, RescoringRun.id))]
@@ -97,7 +97,7 @@ def protocol_users(session: Session) -> dict[str, list[str]]:
 
 
 def checked_protocol(session: Session, toml: str) -> ProtocolDocument:
-    """Return a protocol document that could be added, or is there already.
+    """Return a valid protocol document, which can be added or is already there.
 
     Raises:
         InvalidRecord: Not a valid protocol document, or one that nobody can mean.

@@ -18,7 +18,7 @@ from exceptiondrive_schemas.protocol import ProtocolDocument, packaged_digests
 
 
 def shown_protocols(session: Session, *, with_drafts: bool = False) -> list[ProtocolDocument]:
-    """Return the protocols that readers know of, oldest first; for organizers all of them."""
+    """Return the public protocols, oldest first; for organizers all of them."""
     known = list_protocols(session)
     if with_drafts:
         return known
@@ -27,7 +27,7 @@ def shown_protocols(session: Session, *, with_drafts: bool = False) -> list[Prot
 
 
 def shown_protocol(session: Session, version_or_digest: str) -> ProtocolDocument:
-    """Return a protocol that readers know of.
+    """Return a public protocol.
 
     Raises:
         NotFound: There is none, or it is a draft; the words are the same.
@@ -39,7 +39,7 @@ def shown_protocol(session: Session, version_or_digest: str) -> ProtocolDocument
 
 
 def shown_digests(session: Session) -> frozenset[str]:
-    """Return the digests of the protocols that readers know of."""
+    """Return the digests of the public protocols."""
     is_seen = Phase.visibility != "hidden"
     in_force = select(Phase.protocol_digest).where(is_seen)
     ever = (

@@ -50,11 +50,11 @@ from exceptiondrive_schemas.protocol import GeometrySection, ProtocolDocument
 
 CURE_OF_SPLIT = (
     "Cancel the run; then change the protocol, or register a revision of the split that moves or "
-    "withdraws these samples. No team can help it."
+    "withdraws these samples. Teams can do nothing about it."
 )
 CURE_OF_FLOORS = (
-    "Started as it is, every sheet would fail. Cancel the run and change the protocol; or start it once "
-    "what they ask for is there."
+    "If you start it now, every sheet will fail. Cancel the run and change the protocol, or start it once "
+    "the floors allow it."
 )
 _DONE = {
     RunAction.START: "started",
@@ -84,7 +84,7 @@ def create_run(
     Raises:
         NotFound: No such phase, protocol or split revision.
         InvalidRecord: Nothing would change, the reason is empty, or accepted files could not be
-            scored under what is to come.
+            scored under the new protocol or revision.
         Conflict: Another run of the phase is open.
     """
     phase = lock_phase(session, phase_id)
@@ -169,12 +169,12 @@ def _new_run(
         state_at=now,
     )
     session.add(run)
-    flush_or_refuse(session, "The protocol was deleted meanwhile: look at the list anew.")
+    flush_or_refuse(session, "The protocol was deleted meanwhile: reload the list.")
     return run
 
 
 def start_run(session: Session, run_id: str, *, reason: str, actor: str) -> RescoringRun:
-    """Begin to score in the background; the reconciler fans out.
+    """Start scoring in the background; the reconciler creates the jobs.
 
     Raises:
         Conflict: It is no draft, or a worker found that the split cannot be scored under it.
@@ -188,14 +188,14 @@ def start_run(session: Session, run_id: str, *, reason: str, actor: str) -> Resc
 
 
 def pause_run(session: Session, run_id: str, *, reason: str, actor: str) -> RescoringRun:
-    """Let no further job of the run begin."""
+    """Pause a run: no further job of it begins."""
     run = move_run(session, run_id, RunAction.PAUSE, reason, actor)
     hold_jobs(session, run)
     return run
 
 
 def resume_run(session: Session, run_id: str, *, reason: str, actor: str) -> RescoringRun:
-    """Go on with a paused run, and try failed sheets again, in any state that has some."""
+    """Resume a paused run, and retry failed sheets, in any state that has some."""
     run = move_run(session, run_id, RunAction.RESUME, reason, actor)
     run.resumed_at = run.state_at
     release_jobs(session, run)
@@ -206,7 +206,7 @@ def resume_run(session: Session, run_id: str, *, reason: str, actor: str) -> Res
 
 
 def cancel_run(session: Session, run_id: str, *, reason: str, actor: str) -> RescoringRun:
-    """End a run that was not applied; sheets that were made stay, and need not be made again."""
+    """Cancel a run that was not applied; its finished sheets are kept for reuse."""
     run = move_run(session, run_id, RunAction.CANCEL, reason, actor)
     if run.kind is RunKind.VERIFICATION:
         cancel(session, Recheck, run.state_at, Recheck.run_id == run.id)
@@ -232,7 +232,7 @@ def move_run(
     *,
     no_longer_ranked: Mapping[str, str] = {},
 ) -> RescoringRun:
-    """Move a run to another state and say so in the audit log.
+    """Move a run to another state and write an audit line.
 
     `no_longer_ranked` tells of the submissions that lose their rank by it, and why.
 
@@ -268,7 +268,7 @@ def require_action(session: Session, run: RescoringRun, action: RunAction) -> Ru
     if run.state in states:
         return states[run.state]
     if not states:
-        raise Conflict("The run verifies sheets: it ends by itself, or is cancelled.")
+        raise Conflict("The run verifies sheets: it ends by itself, or you cancel it.")
     *first, last = [_state_words(state) for state in states]
     before = f"{', '.join(first)} or {last}" if first else last
     if action is RunAction.RESUME:
@@ -315,7 +315,7 @@ def _target_key(
     return target
 
 
-# Whether the files that a phase has accepted can be scored under what is to come.
+# Whether the files that a phase has accepted can be scored under the new protocol or revision.
 #
 # What cannot be is refused when a run is drafted: else its sheets would all fail, or be made of fewer
 # waypoints than those of fresh submissions. Tasks that the protocol no longer has are the worker's to

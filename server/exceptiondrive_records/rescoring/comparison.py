@@ -130,7 +130,7 @@ def _metrics_of(standing: Standing | None) -> MetricRow | None:
 
 
 def _shifts(old: MetricRow | None, new: MetricRow | None) -> MetricRow:
-    """New minus old; None where one of the two is missing."""
+    """New minus old; None if either is missing."""
     if not old or not new:
         return dict.fromkeys(new or old or {})
     return {key: _shift(old.get(key), value) for key, value in new.items()}
@@ -141,7 +141,7 @@ def _shift(old: float | None, new: float | None) -> float | None:
 
 
 def _worst_movers(entries: tuple[EntryChange, ...], challenge_id: str) -> tuple[str, ...]:
-    """Newly failing first, then by places lost, then by the first primary metric lost.
+    """Sort newly failing entries first, then by ranks lost, then by loss of the first primary metric.
 
     Who gains a place and loses of the metric is named too, after them.
     """
@@ -170,7 +170,7 @@ def _worst_movers(entries: tuple[EntryChange, ...], challenge_id: str) -> tuple[
 
 @dataclass(frozen=True)
 class Compared:
-    """A comparison and its digest, both worked out once."""
+    """A comparison and its digest, both computed once."""
 
     comparison: Comparison
     digest: str

@@ -39,7 +39,7 @@ _TENDED = (RunState.SCORING, RunState.PAUSED, RunState.READY, RunState.APPLIED)
 
 
 def tend_runs(database: Database, max_attempts: int) -> int:
-    """Bring every open run one step further; return how many jobs were made.
+    """Advance every open run by one step; return how many jobs were created.
 
     Beyond `max_attempts` a sheet that is verified is given up.
     """
@@ -104,17 +104,17 @@ def _count_missing(session: Session, run: RescoringRun, key: ScoringKey) -> int:
 
 
 def hold_jobs(session: Session, run: RescoringRun) -> None:
-    """Let no waiting job of a run begin; what is being scored ends in peace."""
+    """Hold the waiting jobs of a run; running ones finish."""
     _move_jobs(session, run, (WorkState.QUEUED,), WorkState.HELD)
 
 
 def release_jobs(session: Session, run: RescoringRun) -> None:
-    """Let the waiting jobs of a run begin again."""
+    """Release the held jobs of a run."""
     _move_jobs(session, run, WAITING_STATES, WorkState.QUEUED)
 
 
 def cancel_jobs(session: Session, run: RescoringRun, key: ScoringKey) -> None:
-    """Take back the jobs of a key that nobody has begun; they can be made again."""
+    """Cancel the jobs of a key that have not begun; they can be created again."""
     waiting = delete(Job).where(Job.id.in_(_waiting_jobs(run, key)))
     session.execute(waiting.execution_options(synchronize_session=False))
 

@@ -67,27 +67,25 @@ from exceptiondrive_schemas.printable import counted
 _NAMED = 5
 _ENDINGS = ("scoring failed", "submission rejected")
 _REJECTED = "file rejected"
-_STORE = (
-    "Bring the store of uploads back as it was, from its backup if need be; then resume the run."
-)
+_STORE = "Restore the store of uploads, from its backup if need be; then resume the run."
 _CURES = {
     "split_refused": CURE_OF_SPLIT,
     "split_floor": "The floors of the withheld split forbid it: the overview and the audit log say "
     "what was asked. Cancel the run, and ask for less.",
     "split_day_full": "The withheld split allows no more within a day: resume the run tomorrow.",
-    "time_limit": "Give the workers more time, or take load away; then resume the run.",
+    "time_limit": "Give the workers more time, or reduce the load; then resume the run.",
     "out_of_memory": "Give the workers more memory; then resume the run.",
     "upload_damaged": _STORE,
     "upload_missing": _STORE,
     "upload_unreadable": _STORE,
-    _REJECTED: "The files cannot be read under what is to come, and trying again does not help: "
-    "cancel the run.",
+    _REJECTED: "The files cannot be read under the new protocol or revision, and trying again does not "
+    "help: cancel the run.",
 }
 _USUAL_CURE = "The worker's log names the place in the code; resume the run to try again."
 
 
 def failed_words(session: Session, run: RescoringRun, key: ScoringKey) -> list[str]:
-    """Return a sentence for each reason of failed sheets: how many, of whom, and what helps."""
+    """Return a sentence for each reason of failed sheets: how many, whose, and what helps."""
     failed = failed_sheets(run.phase_id, key).order_by(Submission.received_at, Submission.id)
     ids = [submission.id for submission in session.scalars(failed)]
     newest = (
@@ -111,9 +109,9 @@ def _failure_sentence(code: str, ids: list[str]) -> str:
 
 
 _NO_BOARD = (
-    "The phase has no board yet that a run could change. Where the overview says that the floors of its "
+    "The phase has no board yet that a run could change. If the overview says that the floors of its "
     "withheld split refuse its own protocol, there will be none: cancel the run, and open a new phase "
-    "under the protocol to come. What failed cost no quota."
+    "under the new protocol. What failed used no quota."
 )
 _BLOCKED_IN_WORDS = (RunState.DRAFT, RunState.PAUSED)
 """States that cannot be applied, and say themselves what to do about it."""
@@ -126,9 +124,9 @@ def comparison_of(session: Session, run: RescoringRun) -> Compared | None:
 
 
 def work_out(database: Database, run_id: str) -> None:
-    """Compare the boards before a flip, so that its transaction finds the comparison made.
+    """Compare the boards before a flip, so that its transaction finds the comparison cached.
 
-    It decides nothing: the transaction asks for the boards again, and compares what it finds.
+    It decides nothing: the transaction reads the boards again, and compares them.
     """
     with database.read() as session:
         run = find_run(session, run_id)
@@ -137,7 +135,7 @@ def work_out(database: Database, run_id: str) -> None:
 
 
 def blockers_of(session: Session, run: RescoringRun) -> tuple[str, ...]:
-    """Return a sentence for everything that stands in the way of the next flip."""
+    """Return a sentence for everything that blocks the next flip."""
     if run.state.is_final:
         return (f"The run has ended: it is {run.state.value.replace('_', ' ')}.",)
     trial = trial_of(session, run.id)
@@ -167,7 +165,7 @@ def blockers_of(session: Session, run: RescoringRun) -> tuple[str, ...]:
 
 
 def obstacles(session: Session, run: RescoringRun, action: RunAction) -> tuple[str, ...]:
-    """Return a sentence for everything that stands in the way of a flip, its state before all else."""
+    """Return a sentence for everything that blocks a flip, the run's state first."""
     if action is RunAction.ROLLBACK or run.state not in _BLOCKED_IN_WORDS:
         try:
             require_action(session, run, action)
@@ -179,7 +177,7 @@ def obstacles(session: Session, run: RescoringRun, action: RunAction) -> tuple[s
 def apply_run(
     session: Session, run_id: str, *, preview: str, reason: str, actor: str
 ) -> RescoringRun:
-    """Show the new board, in this one transaction.
+    """Show the new board, in one transaction.
 
     `preview` is the digest of the comparison that the organizer looked at.
 
@@ -203,7 +201,7 @@ def apply_run(
 
 
 def rollback_run(session: Session, run_id: str, *, reason: str, actor: str) -> RescoringRun:
-    """Show the board under the earlier protocol again: the same bytes if nothing came since.
+    """Show the board under the earlier protocol again: the same bytes if nothing was scored since.
 
     Raises:
         NotFound: No such run.
@@ -225,19 +223,19 @@ def notify_of_run(
     kind: NotificationKind,
     at: datetime | None = None,
 ) -> None:
-    """Tell the teams whose numbers change by an update, or by what took it back; `at`: by default now."""
+    """Notify the teams whose numbers an update or its rollback changes; `at`: by default now."""
     words = what_changed(session, run, is_taken_back=kind == "protocol_rolled_back")
     notify_teams(session, comparison, kind, run_id=run.id, what_changed=words, at=at)
 
 
 STALE = (
-    "The preview named is not the newest one of the run: it is stale, as submissions or boards have "
-    "changed since, or it never was one. Look at the newest preview, and apply that one."
+    "The preview is stale: submissions or boards have changed since, or it is none of this run. Look at "
+    "the newest preview, and apply that one."
 )
 
 
 def _require_seen(compared: Compared, preview: str) -> None:
-    """What is applied is what the organizer looked at."""
+    """Refuse to apply a comparison other than the one that the organizer saw."""
     if compared.digest != preview:
         raise Conflict(STALE)
 
@@ -245,7 +243,7 @@ def _require_seen(compared: Compared, preview: str) -> None:
 def _lock_and_check(
     session: Session, run_id: str, action: RunAction
 ) -> tuple[Phase, BoardRow, Compared]:
-    """Lock run and phase, and return what is flipped to, or say all that stands in the way."""
+    """Lock run and phase, and return the board to show, or refuse with all blockers."""
     run = find_run(session, run_id, lock=True)
     phase = lock_phase(session, run.phase_id)
     in_the_way = obstacles(session, run, action)

@@ -22,7 +22,7 @@ from exceptiondrive_records.teams.teams import teams_that_read
 
 
 def end_freeze(session: Session, phase: Phase, now: datetime, *, reason: str, actor: str) -> None:
-    """Let boards of a frozen phase be shown again, and tell its teams of scores that were kept back.
+    """End the freeze of a phase's boards, and notify its teams of scores that were kept back.
 
     The audit log names the board that readers saw in the place of a newer one, built or to be built.
     """

@@ -32,7 +32,7 @@ _LEAST_S = 1.0
 
 @dataclass(frozen=True)
 class Counts:
-    """How the scored submissions of a phase stand under one key."""
+    """Counts of a phase's scored submissions under one key."""
 
     total: int
     done: int
@@ -40,7 +40,7 @@ class Counts:
 
     @property
     def missing(self) -> int:
-        """Sheets that are not there, the failed ones included."""
+        """The number of missing sheets, including failed ones."""
         return self.total - self.done
 
 
@@ -52,7 +52,7 @@ def count_sheets(session: Session, phase_id: str, key: ScoringKey) -> Counts:
 
 
 def count_scored(session: Session, phase_id: str) -> int:
-    """Return how many submissions of a phase are scored: as many sheets any update makes."""
+    """Return how many submissions of a phase are scored: any update makes that many sheets."""
     return _count(session, _scored_submissions(phase_id))
 
 
@@ -123,7 +123,7 @@ def progress_of(session: Session, run: RescoringRun) -> Progress:
 
 
 def _sheets_per_s(session: Session, run: RescoringRun, key: ScoringKey) -> float | None:
-    """Sheets per second over the last half minute, or since scoring went on."""
+    """Sheets per second over the last half minute, or since scoring resumed."""
     if run.resumed_at is None:
         return None
     now = database_now(session)
@@ -178,7 +178,7 @@ def fresh_board(session: Session, phase_id: str, key: ScoringKey) -> BoardRow | 
 
 
 def want_fresh_board(session: Session, phase_id: str, key: ScoringKey) -> None:
-    """Ask for the board under a key, once, unless it is fresh or asked for."""
+    """Request the board under a key, unless it is fresh or already requested."""
     if is_board_wanted(session, phase_id, *key):
         return
     if fresh_board(session, phase_id, key) is None:

@@ -68,7 +68,7 @@ def retry_submission(
 def restore_submission(
     session: Session, submission_id: str, *, actor: str, reason: str
 ) -> Submission:
-    """Let a withdrawn submission stand again, at its old place in time; no quota is touched.
+    """Restore a withdrawn submission, with its original time; the quota is unchanged.
 
     Its sheets were kept: it is scored only where none is there under what the phase shows now.
 
@@ -120,8 +120,8 @@ def _require_place(session: Session, submission: Submission, phase: Phase) -> No
     quota = quota_of(session, submission.team_id, phase, submission.received_at)
     if quota.remaining_today == 0:
         raise Conflict(
-            "It cost no quota, and the team has used all of it, of that day or of the phase. To have "
-            "this one scored as well, give the team an allowance first."
+            "It has used no quota so far, and the team has none left for that day or for the phase. To "
+            "have this one scored as well, give the team an allowance first."
         )
 
 

@@ -22,7 +22,7 @@ LATE_FILES = "Late files are refused from the reveal on, also after a rollback."
 
 
 def reveal_split(session: Session, phase_id: str, *, reason: str, actor: str) -> Phase:
-    """Begin to score the part that the phase reveals; the board changes when the run is applied.
+    """Start scoring the part that the phase reveals; the board changes when the run is applied.
 
     Raises:
         NotFound: No such phase.
@@ -48,7 +48,7 @@ def is_reveal(session: Session, run: RescoringRun) -> bool:
 
 
 def reveal_blockers(session: Session, run: RescoringRun) -> Iterator[str]:
-    """Yield what the life of the phase has against applying a run, or rolling it back."""
+    """Yield what in the state of the phase blocks applying a run, or rolling it back."""
     phase = session.get_one(Phase, run.phase_id)
     now = database_now(session)
     if run.state is RunState.APPLIED:
@@ -61,7 +61,7 @@ def reveal_blockers(session: Session, run: RescoringRun) -> Iterator[str]:
 
 
 def reveal_warnings(session: Session, run: RescoringRun) -> tuple[str, ...]:
-    """Say what ends for good when a reveal is applied, as no rollback brings it back."""
+    """List what applying a reveal ends for good, as no rollback restores it."""
     phase = session.get_one(Phase, run.phase_id)
     if run.state is RunState.APPLIED or run.state.is_final or not is_reveal(session, run):
         return ()
@@ -74,7 +74,7 @@ def reveal_warnings(session: Session, run: RescoringRun) -> tuple[str, ...]:
 
 
 def _same_part(session: Session, run: RescoringRun) -> Iterator[str]:
-    """Say what to ask for instead, where another revision was meant and not another part."""
+    """Yield advice, if another revision rather than another part was meant."""
     old, new = splits_of(session, run)
     same = part_revision(session, new.name, new.revision, old.part)
     if same is not None and same != old.revision:

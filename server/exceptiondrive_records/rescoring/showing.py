@@ -38,9 +38,9 @@ from exceptiondrive_schemas.api.rescoring import RunState
 
 
 def change_phase(session: Session, phase_id: str, change: PhaseChange, *, actor: str) -> Phase:
-    """Change settings of a phase; where that shows it, tell its teams of updates behind it.
+    """Change settings of a phase; if that shows it, notify its teams of updates applied while hidden.
 
-    They are told of a changed deadline, too.
+    They are notified of a changed deadline, too.
 
     Raises:
         RecordsError: It is refused as by `update_phase`.
@@ -58,9 +58,9 @@ def change_phase(session: Session, phase_id: str, change: PhaseChange, *, actor:
 
 
 def reveal_board(session: Session, phase_id: str, *, reason: str, actor: str) -> Phase:
-    """End the freeze: the public board is the newest one at once; tell of scores that were kept back.
+    """End the freeze: show the newest board at once, and notify teams of scores that were kept back.
 
-    Where an entry was taken back since that was built, it is the next one.
+    If an entry was taken back since that board was built, the next board is shown instead.
 
     Raises:
         NotFound: No such phase.

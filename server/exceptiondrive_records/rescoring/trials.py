@@ -18,12 +18,12 @@ _UNANSWERED = SplitTrial(
 
 
 def ask_for_trial(session: Session, run: RescoringRun) -> None:
-    """Ask a worker to try the split of a run."""
+    """Request a trial of a run's split."""
     session.add(new_item(Trial, run.id, run.created_at, lane=Lane.RESCORE, run_id=run.id))
 
 
 def finish_trial(session: Session, item: Trial, trial: SplitTrial) -> bool:
-    """Record what came of a trial; False when the lease was lost."""
+    """Record the outcome of a trial; False if the lease was lost."""
     if not finish(session, item):
         return False
     session.execute(update(Trial).where(Trial.id == item.id).values(trial=trial))
@@ -31,7 +31,7 @@ def finish_trial(session: Session, item: Trial, trial: SplitTrial) -> bool:
 
 
 def trial_of(session: Session, run_id: str) -> SplitTrial | None:
-    """Return what a worker said of the split of a run; None: it is not asked of this kind of run."""
+    """Return the outcome of a run's trial; None for a kind of run without one."""
     item = session.scalars(select(Trial).where(Trial.run_id == run_id)).first()
     if item is None:
         return None

@@ -40,7 +40,7 @@ _NOT_CANCELLED = Recheck.state != WorkState.CANCELLED
 def ask_for_rechecks(
     session: Session, run: RescoringRun, sample: int | None, submission_id: str | None
 ) -> int:
-    """Ask for sheets of a run to be recomputed, drawn by the database; return how many.
+    """Request recomputation of sheets, drawn by the database; return how many.
 
     Without a sample all of them; of one submission where it is given.
 
@@ -86,7 +86,7 @@ def finish_recheck(
     found_digest: str | None,
     note: str | None = None,
 ) -> bool:
-    """Record what a recomputation came to; False when the lease was lost."""
+    """Record the outcome of a recomputation; False if the lease was lost."""
     ended = WorkState.FAILED if state is VerifyState.FAILED else WorkState.DONE
     if not finish(session, item, ended, note=note):
         return False
@@ -97,7 +97,7 @@ def finish_recheck(
 
 
 def end_verification(session: Session, run: RescoringRun, max_attempts: int) -> None:
-    """Give up what no attempt has answered; close the run once every sheet has come to an end."""
+    """Give up sheets without attempts left; close the run once all of its sheets are finished."""
     for item in give_up(session, Recheck, max_attempts, Recheck.run_id == run.id):
         item.note = _UNANSWERED
         _audit_difference(session, item, VerifyState.FAILED, None, _UNANSWERED)
@@ -178,7 +178,7 @@ def list_verifications(
 
 
 def _outcome(state: WorkState, *, has_note: bool) -> VerifyState:
-    """Return what a work item says of its sheet: a note says why it did not come again."""
+    """Return the outcome of a work item: its note says why the sheet was not reproduced."""
     if state in OPEN_STATES:
         return VerifyState.WAITING
     if state is WorkState.DONE:
@@ -202,7 +202,7 @@ def _counts(session: Session, run_id: str) -> Counter[VerifyState]:
 def _audit_difference(
     session: Session, item: Recheck, state: VerifyState, found_digest: str | None, note: str | None
 ) -> None:
-    """Leave an audit line about a sheet that did not come again."""
+    """Write an audit line about a sheet that was not reproduced."""
     detail = {
         "found": found_digest,
         "note": note,

@@ -91,7 +91,7 @@ def run_views(
 
 
 def protocol_check(session: Session, toml: str, phase_id: str | None) -> Difference:
-    """Return what a protocol document would change, without keeping it.
+    """Return what a protocol document would change, without storing it.
 
     Without a phase, against the protocol that was added last.
 
@@ -113,7 +113,7 @@ def protocol_check(session: Session, toml: str, phase_id: str | None) -> Differe
 
 
 def preview_of(session: Session, run_id: str, seen: str | None = None) -> PreviewView:
-    """Return the comparison that the next flip would make true.
+    """Return the comparison that the next flip would publish.
 
     With the digest of an earlier one as `seen`, the answer says whether that is stale now.
 
@@ -154,7 +154,7 @@ def _direction(state: RunState) -> FlipDirection:
 
 
 def _applied_comparison(session: Session, run: RescoringRun) -> Compared | None:
-    """What the run made true when it was applied, if it ever was; who was forgotten has an alias."""
+    """The comparison published when the run was applied, if it ever was; forgotten teams have aliases."""
     if run.comparison is None:
         return None
     aliases = aliases_in(session, run.phase_id)
@@ -195,7 +195,7 @@ def public_run(session: Session, run_id: str, *, with_hidden: bool = False) -> P
 
 
 def _words_for_readers(session: Session, run: RescoringRun) -> str:
-    """What the makers of the new protocol and of the new split revision say of them."""
+    """What the authors of the new protocol and of the new split revision say about them."""
     words = []
     if run.from_protocol_digest != run.to_protocol_digest:
         words.append(find_protocol(session, run.to_protocol_digest).changes)
@@ -204,7 +204,7 @@ def _words_for_readers(session: Session, run: RescoringRun) -> str:
 
 
 def board_history(session: Session, phase_id: str) -> list[BoardHistoryLine]:
-    """Return every board that was ever public, newest first, with what made it so.
+    """Return every board that was ever public, newest first, with the cause of its publication.
 
     A phase may have thousands of boards of a megabyte each: none of them is read.
 

@@ -26,7 +26,7 @@ _CONFIRMATIONS = select(ConfirmationRow.confirmation).where(
 
 
 def add_confirmation(session: Session, given: Confirmation, actor: str) -> ConfirmationRow:
-    """Keep a confirmation; the same one again does nothing.
+    """Store a confirmation; idempotent.
 
     Raises:
         NotFound: The split revision is not registered, or no such protocol was added.
@@ -36,12 +36,12 @@ def add_confirmation(session: Session, given: Confirmation, actor: str) -> Confi
     find_split(session, given.split.name, given.split.revision)
     protocol = find_row(session, ProtocolRow, "protocol", given.protocol)
     if not is_signed(given):
-        raise InvalidRecord("The signature does not fit this split, protocol and key.")
+        raise InvalidRecord("The signature does not match this split, protocol and key.")
     known = session.get(ConfirmationRow, given.id)
     if known is not None and known.withdrawn_at is not None:
         raise Conflict(
-            "This confirmation was withdrawn, and a key that took one back never counts for the same "
-            "split revision and protocol again: sign with another key, which the operator names."
+            "This confirmation was withdrawn, so its key never counts again for the same split "
+            "revision and protocol: sign with another key that the operator has named."
         )
     if known is not None:
         return known
@@ -61,7 +61,7 @@ def add_confirmation(session: Session, given: Confirmation, actor: str) -> Confi
 
 
 def withdraw_confirmation(session: Session, confirmation_id: str, reason: str, actor: str) -> None:
-    """Take a confirmation back: workers score and publish nothing more that needed it.
+    """Withdraw a confirmation: workers no longer score or publish what needed it.
 
     Raises:
         NotFound: There is none with this id, or it was withdrawn.
@@ -82,7 +82,7 @@ def list_confirmations(session: Session) -> list[ConfirmationRow]:
 
 
 def keys_that_confirm(session: Session, split: SplitRef, protocol_digest: str) -> set[str]:
-    """Return the public keys whose signature holds and was not withdrawn."""
+    """Return the public keys with a valid signature that was not withdrawn."""
     given = {"name": split.name, "revision": split.revision, "protocol": protocol_digest}
     found = session.scalars(_CONFIRMATIONS, given).all()
     return {

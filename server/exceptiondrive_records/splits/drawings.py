@@ -42,7 +42,7 @@ class PublicSplit:
 
 
 def find_public_split(session: Session, ref: SplitRef) -> PublicSplit | None:
-    """Return the split if it is public; None: it is withheld, and nothing of it may be drawn."""
+    """Return the split if it is public; None if it is withheld, so that nothing of it may be drawn."""
     digest = session.scalars(_PUBLIC_FILE, {"name": ref.name, "revision": ref.revision}).first()
     return None if digest is None else PublicSplit(ref, digest)
 
@@ -63,7 +63,7 @@ def keep_entry_drawings(
     split: PublicSplit,
     drawings: EntryDrawings,
 ) -> None:
-    """Keep the drawings of a scored submission; those that are kept already stay.
+    """Store the drawings of a scored submission; existing ones stay.
 
     Raises:
         IntegrityError: The split is not public, or the submission has no such score sheet.
@@ -91,7 +91,7 @@ def entry_drawings(
 
 
 def shown_of_withheld_splits(session: Session) -> Iterator[Violation]:
-    """Yield every drawing and picture whose split is not public, or is another file: there must be none."""
+    """Yield every drawing and picture whose split is not public or has changed; there must be none."""
     drawing = "drawing", EntryDrawingsRow, EntryDrawingsRow.submission_id
     picture = "picture", SamplePictureRow, SamplePictureRow.sample_id
     for what, table, subject in (drawing, picture):
@@ -107,7 +107,7 @@ def shown_of_withheld_splits(session: Session) -> Iterator[Violation]:
 
 
 def keep_protocol_drawing(session: Session, drawing: ProtocolDrawing) -> None:
-    """Keep the drawing of a protocol; one that is kept already stays."""
+    """Store the drawing of a protocol; an existing one stays."""
     insert_if_absent(
         session,
         ProtocolDrawingRow,
@@ -118,7 +118,7 @@ def keep_protocol_drawing(session: Session, drawing: ProtocolDrawing) -> None:
 
 
 def has_protocol_drawing(session: Session, protocol: ProtocolDocument) -> bool:
-    """Whether this protocol's own drawing is at hand."""
+    """Whether this protocol has a drawing of its own."""
     return protocol_drawing(session, protocol).pictured == pictured_digest(protocol)
 
 

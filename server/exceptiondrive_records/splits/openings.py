@@ -17,7 +17,7 @@ def opened_protocols(session: Session, split_name: str) -> set[str]:
 
 
 def count_opening(session: Session, split_name: str, protocol_digest: str) -> None:
-    """Count a protocol before a split is first opened under it; who comes here has locked the split."""
+    """Record a protocol before a split is first opened under it; the caller has locked the split."""
     opened_at = database_now(session)
     session.add(
         SplitOpening(split_name=split_name, protocol_digest=protocol_digest, opened_at=opened_at)

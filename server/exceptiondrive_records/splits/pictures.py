@@ -71,7 +71,7 @@ def show_pictures(
 def pictures_of(
     session: Session, split: SplitRef, sample_ids: Iterable[str]
 ) -> dict[str, tuple[SamplePictureRow, ...]]:
-    """Return the pictures of samples, the original scene first; who has none is absent."""
+    """Return the pictures of samples, the original scene first; samples without pictures are absent."""
     wanted = SamplePictureRow.sample_id.in_(set(sample_ids))
     order = SamplePictureRow.sample_id, SamplePictureRow.shows.desc()
     rows = session.scalars(select(SamplePictureRow).where(*_is_of(split), wanted).order_by(*order))
@@ -82,7 +82,7 @@ def pictures_of(
 
 
 def shows_picture(session: Session, split_name: str, file_digest: str) -> bool:
-    """Whether a stored file is a picture of a split that is shown."""
+    """Whether a stored file is a picture of a public split."""
     stands = SamplePictureRow.split_name == split_name, SamplePictureRow.file_digest == file_digest
     return bool(session.scalar(select(exists().where(*stands))))
 

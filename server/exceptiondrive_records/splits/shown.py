@@ -71,7 +71,7 @@ def shown_whole(session: Session, phase: Phase) -> SplitRow:
 
 
 def shown_revision(session: Session, name: str, revision: str | None) -> SplitRow:
-    """Return a revision that readers know of, by default the one in force.
+    """Return a public revision, by default the one in force.
 
     Raises:
         NotFound: There is none, or readers do not know of it.
@@ -104,13 +104,13 @@ def shown_file(session: Session, name: str, revision: str | None) -> SplitRow:
 
 
 def is_kept_back(session: Session, name: str) -> bool:
-    """Whether a split is of hidden phases alone."""
+    """Whether a split is used by hidden phases only."""
     using = select(Phase.visibility).where(Phase.split_name == name).distinct()
     return list(session.scalars(using)) == ["hidden"]
 
 
 def splits_under(session: Session, protocol_digest: str) -> list[str]:
-    """Return the names of the splits whose phases stand under a protocol, sorted."""
+    """Return the names of the splits whose phases use a protocol, sorted."""
     stands = Phase.protocol_digest == protocol_digest, Phase.visibility != "hidden"
     query = select(Phase.split_name).where(*stands).distinct()
     return sorted(session.scalars(query))

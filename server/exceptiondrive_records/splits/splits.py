@@ -123,7 +123,7 @@ def register_split(
 def publish_split(
     session: Session, name: str, revision: str, file_digest: str, actor: str
 ) -> SplitRow:
-    """Mark a split, and its parts, as a development split whose whole file anyone may have.
+    """Mark a split, and its parts, as a development split, whose whole file is public.
 
     Raises:
         NotFound: No such split.
@@ -193,7 +193,7 @@ def live_revision(session: Session, name: str, revision: str, live_part: LivePar
 
 
 def lock_split(session: Session, name: str) -> None:
-    """Let what is told of a split be counted one at a time, until the write transaction ends."""
+    """Lock a split, so that what is revealed of it is counted serially, until the transaction ends."""
     session.execute(_LOCKED_REVISIONS, {"split": name}).all()
 
 
@@ -209,7 +209,7 @@ def list_splits(session: Session) -> list[SplitRow]:
 
 
 def words_of_revision(split: SplitRow) -> str:
-    """Tell a revision from others of its split: when it came, how many count, what its makers say."""
+    """Describe a revision of a split: its date, how many samples count, what its makers say."""
     told = f": {split.changes.words}" if split.changes is not None else ""
     part = f" of the {split.part} part" if split.part is not None else ""
     day = f"{split.registered_at.astimezone(UTC):%Y-%m-%d %H:%M}"
@@ -226,11 +226,11 @@ def manifest_of(session: Session, name: str, revision: str | None = None) -> Man
 
 
 def newly_counted(session: Session, old: SplitRef, new: SplitRef) -> str | None:
-    """Say which part of a split counts at a revision; None where the same one did at an earlier."""
+    """Describe the part of a split that newly counts at a revision; None if it counted before."""
     before, part = (find_split(session, each.name, each.revision).part for each in (old, new))
     return None if before == part else part_words(part)
 
 
 def part_words(part: str | None) -> str:
-    """Say which samples count."""
+    """Describe which samples count."""
     return f"the {part} part" if part else "all samples"

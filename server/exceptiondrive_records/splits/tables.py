@@ -52,17 +52,17 @@ class SplitRow(Base):
 
     @property
     def counts_private(self) -> bool:
-        """Whether samples of a private part count: as the part, or with the whole split."""
+        """Whether samples of a private part count, as the part or within the whole split."""
         return self.part == "private" or self.private_revision is not None
 
     @property
     def lacks_drives(self) -> bool:
-        """Whether no sample that counts has a recorded drive: then nothing tells source fit."""
+        """Whether no counting sample has a recorded drive, so that source fit is undefined."""
         return self.warnings.count_of(NO_RECORDED_DRIVE) >= self.n_samples
 
 
 class SplitOpening(Base):
-    """A protocol under which a worker has opened a withheld split; workers alone add rows, and none goes."""
+    """A protocol under which a withheld split was opened; only workers add rows, and none is deleted."""
 
     __tablename__ = "split_openings"
     split_name: Mapped[str] = mapped_column(primary_key=True)
@@ -71,7 +71,7 @@ class SplitOpening(Base):
 
 
 class ConfirmationRow(Base):
-    """What an organizer signed: a split revision may be scored under a protocol."""
+    """An organizer's signed statement that a split revision may be scored under a protocol."""
 
     __tablename__ = "confirmations"
     __table_args__ = (
@@ -149,7 +149,7 @@ class SamplePictureRow(Base):
 
 
 class ProtocolDrawingRow(Base):
-    """The made-up sample under a protocol, by the digest of what it depends on."""
+    """The drawing of a protocol's example sample, by the digest of what it depends on."""
 
     __tablename__ = "protocol_drawings"
     pictured: Mapped[str] = mapped_column(primary_key=True)

@@ -54,7 +54,7 @@ def edit_submission(
     """
     submission = find_submission(session, submission_id)
     hold_team(session, submission.team_id)
-    session.refresh(submission, with_for_update=True)
+    session.refresh(submission, with_for_update={"key_share": True})
     phase = session.get_one(Phase, submission.phase_id)
     now = database_now(session)
     old_name = submission.method
@@ -122,7 +122,7 @@ def _other_runs(session: Session, submission: Submission, method: str) -> list[S
         Submission.method == method,
         Submission.id != submission.id,
     )
-    return list(session.scalars(query.order_by(Submission.id).with_for_update()))
+    return list(session.scalars(query.order_by(Submission.id).with_for_update(key_share=True)))
 
 
 def _require_free_name(
@@ -147,7 +147,7 @@ def _require_edits_left(session: Session, team_id: int, now: datetime) -> None:
 
 
 def edits_of(session: Session, submission_id: str) -> tuple[SubmissionEditView, ...]:
-    """Return what was changed of a submission, newest first: for its team and the organizers."""
+    """Return the edits of a submission, newest first, for its team and the organizers."""
     query = select(SubmissionEdit).where(SubmissionEdit.submission_id == submission_id)
     rows = session.scalars(query.order_by(SubmissionEdit.id.desc())).all()
     names = names_of_actors(session, (row.actor for row in rows))
@@ -191,7 +191,7 @@ class EditsOfPhase(NamedTuple):
 
 
 def edits_of_phase(session: Session, phase_id: str) -> EditsOfPhase:
-    """Return what the facts that teams tell are as new as."""
+    """Return a marker that changes with every edit of facts in a phase."""
     query = (
         select(func.max(SubmissionEdit.edited_at), func.count())
         .join(Submission, Submission.id == SubmissionEdit.submission_id)

@@ -42,14 +42,14 @@ _RETRIES: "RetryConfig" = {"max_retries": 3, "retry_timeout": timedelta(seconds=
 
 
 class FileDamaged(StoreError):  # noqa: N818
-    """The stored bytes are not those that were stored: never score them."""
+    """The stored bytes do not match their digest; they must never be scored."""
 
     def __init__(self, digest: str) -> None:
         super().__init__(f"The stored file {digest} is damaged.")
 
 
 class FileUnreadable(StoreError):  # noqa: N818
-    """The store answers, but does not give this file."""
+    """The store answers, but cannot read this file."""
 
     def __init__(self, digest: str) -> None:
         super().__init__(f"The stored file {digest} cannot be read.")
@@ -57,7 +57,7 @@ class FileUnreadable(StoreError):  # noqa: N818
 
 @dataclass(frozen=True)
 class StoredFile:
-    """One file of the store."""
+    """A file in the store."""
 
     digest: str
     size_bytes: int
@@ -66,10 +66,10 @@ class StoredFile:
 
 
 class FileStore:
-    """A folder of files named by their content. Safe to share between threads."""
+    """Files named by the digest of their content. Safe to share between threads."""
 
     def __init__(self, url: str) -> None:
-        """Open the store; a folder that is not there is made.
+        """Open the store; a missing folder is created.
 
         Raises:
             StoreError: It cannot be made.
@@ -113,7 +113,7 @@ class FileStore:
         return digest, size_bytes
 
     def read(self, digest: str, *, limit_bytes: int) -> bytes:
-        """Return a stored file whose bytes are proven to be those that were stored.
+        """Return a stored file, verified against its digest.
 
         Raises:
             NotFound: No such file.
@@ -155,11 +155,11 @@ class FileStore:
         )
 
     def has_room(self) -> bool:
-        """Whether another file leaves room for records and boards, where the store is a folder."""
+        """Whether storing another file leaves room for records and boards, if the store is a folder."""
         return self._folder is None or (self.free_bytes() or 0) >= LEAST_FREE_BYTES
 
     def is_empty(self) -> bool:
-        """Whether nothing lies in the folder, as in one on which nothing is mounted; who may not enter it cannot tell."""
+        """Whether the folder is empty, as a mount point without its volume; False if it may not be listed."""
         try:
             return self._folder is not None and not (
                 self._folder.is_dir() and any(self._folder.iterdir())
@@ -175,7 +175,7 @@ class FileStore:
         return True
 
     def free_bytes(self) -> int | None:
-        """Room for more files; None where the store is no folder, or does not answer."""
+        """Free space in bytes; None if the store is not a folder, or does not answer."""
         try:
             return None if self._folder is None else shutil.disk_usage(self._folder).free
         except OSError:
@@ -249,7 +249,7 @@ class FileStore:
             raise StoreError("The file store does not take files now; try again later.") from error
 
     def _heal(self, key: str, digest: str, spooled: tempfile.SpooledTemporaryFile[bytes]) -> None:
-        """Put the right bytes in place of damaged ones, and let the file be young again.
+        """Replace damaged bytes by the right ones, and renew the file's age.
 
         Elsewhere than in a folder storing it again does both, and costs no more than reading it.
         """
@@ -262,7 +262,7 @@ class FileStore:
         obstore.put(self._store, key, spooled.read(), mode="overwrite")
 
     def _make_subfolder(self, key: str) -> None:
-        """Make the folder of a file, open to the same users as the whole store."""
+        """Create the folder of a file, with the permissions of the whole store."""
         if self._folder is None:
             return
         subfolder = (self._folder / key).parent
@@ -272,13 +272,13 @@ class FileStore:
             self._give_to_owner(subfolder)
 
     def _give_to_owner(self, entry: Path) -> None:
-        """What root puts here belongs to whom the store belongs to."""
+        """Give a file written by root to the owner of the store."""
         if self._folder is not None and os.geteuid() == 0:
             owner = self._folder.stat()
             os.lchown(entry, owner.st_uid, owner.st_gid)
 
     def _sync(self, key: str) -> None:
-        """Make a local file survive a power cut: the file, and both folders that name it or its folder."""
+        """Sync a local file to disk, and the two folders above it, to survive a power cut."""
         if self._folder is None:
             return
         path = self._folder / key
@@ -300,7 +300,7 @@ def _key(digest: str) -> str:
 
 
 def seems_unmounted(session: Session, files: FileStore) -> bool:
-    """Whether the folder of uploads is empty and should not be: what came now would lie under the mount."""
+    """Whether the upload folder is unexpectedly empty: new files would land beneath an unmounted volume."""
     return files.is_empty() and session.scalar(select(Submission.id).limit(1)) is not None
 
 
@@ -318,7 +318,7 @@ def is_kept(session: Session, files: FileStore, file_digest: str) -> bool:
 
 
 def lock_store(session: Session, *, alone: bool) -> None:
-    """Keep sweeps out until the transaction ends; `alone`: uploads, too. SQLite has one writer."""
+    """Exclude sweeps until the transaction ends; with `alone`, uploads too. SQLite has one writer."""
     session.connection()  # begins the transaction: on SQLite that is the lock
     if session.get_bind().dialect.name == "postgresql":
         function = "pg_advisory_xact_lock" + ("" if alone else "_shared")

@@ -17,7 +17,7 @@ MAX_LOOKED_AT = 200
 
 
 def entry_replaced_by(session: Session, submission: Submission) -> SubmissionView | None:
-    """Return the entry of its team that an upload would take the place of now."""
+    """Return the entry of its team that an upload would replace now."""
     phase = session.get_one(Phase, submission.phase_id)
     scored, _ = submission_page(
         session,
@@ -32,7 +32,7 @@ def entry_replaced_by(session: Session, submission: Submission) -> SubmissionVie
 
 
 def is_asked_anew(session: Session, asked: Submission) -> bool:
-    """Whether an upload would replace another entry than its team was asked about; then that is asked."""
+    """Whether an upload would now replace another entry than its team was asked about, so must ask again."""
     hold_team(session, asked.team_id)
     session.refresh(asked)
     report = asked.report

@@ -25,7 +25,7 @@ _IS_SCORED = select(
 
 
 def _n_firsts(since: Moment | BindParameter[datetime]) -> Select[int]:
-    """Who has a sheet since then, and none before: as many sheets are looked at as came since."""
+    """Count submissions with their first sheet since then; reads only the sheets since then."""
     earlier = aliased(ScoreSheetRow)
     had_one = exists().where(
         earlier.submission_id == ScoreSheetRow.submission_id,

@@ -31,7 +31,7 @@ _HAS_SCORE = exists().where(ScoreSheetRow.submission_id == Submission.id)
 
 @dataclass(frozen=True)
 class ScoredFile:
-    """A scored submission, and whether it was compared already."""
+    """A scored submission, and whether it has been compared."""
 
     submission_id: str
     team_id: int
@@ -59,7 +59,7 @@ def scored_files(session: Session, phase_id: str) -> list[ScoredFile]:
 
 
 def keep_alike(session: Session, submission_id: str, alike: Sequence[AlikeSubmission]) -> None:
-    """Record what a submission is like; the first record stays. A team that probes is audited."""
+    """Record the submissions similar to one; the first record stays. Probing by a team is audited."""
     found = ALIKE_SUBMISSIONS.dump_json(tuple(alike)).decode()
     is_first = insert_if_absent(session, SimilarityRow, submission_id=submission_id, alike=found)
     if is_first and any(each.is_probe for each in alike):
@@ -67,7 +67,7 @@ def keep_alike(session: Session, submission_id: str, alike: Sequence[AlikeSubmis
 
 
 def _audit_alarm(session: Session, submission: Submission) -> None:
-    """Say in the audit log what is seen: at five submissions, and each time that they double."""
+    """Write an audit line about probing: at five submissions, and whenever they double."""
     for found in similarity_report(session, submission.phase_id).probing:
         if submission.id in found.submissions:
             doublings = (found.n_submissions // PROBES_BEFORE_ALARM).bit_length() - 1
@@ -179,9 +179,9 @@ def _kind(found: AlikeSubmission) -> AlikeKind:
 
 
 def _find_probing(known: dict[str, _Known]) -> tuple[Probing, ...]:
-    """Gather what is like one another but for a few samples, whichever teams sent it.
+    """Group submissions that differ in a few samples only, whichever teams sent them.
 
-    What one team sent of it is gathered, too, where that alone is enough for an alarm.
+    One team's share of a group is a group of its own, if that alone is enough for an alarm.
     """
     first_of = {name: name for name in known}
 

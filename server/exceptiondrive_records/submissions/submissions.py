@@ -100,7 +100,7 @@ def require_counterpart(
 
 
 def _linked_otherwise(first: Submission) -> Conflict:
-    """Say why the same bytes are refused with another link: a record is never changed behind its team's back."""
+    """Return why the same bytes are refused with another link: an upload never changes a record silently."""
     link = "without a link" if first.linked_to is None else f"linked to {first.linked_to!r}"
     return Conflict(
         f"The same bytes were submitted before, as {first.id!r}, {link}: that submission stands, no "
@@ -109,7 +109,7 @@ def _linked_otherwise(first: Submission) -> Conflict:
 
 
 def checked_description(text: str) -> str:
-    """Return a description that can be shown.
+    """Return a valid description.
 
     Raises:
         InvalidRecord: It is too long, or cannot be shown.
@@ -120,7 +120,7 @@ def checked_description(text: str) -> str:
 
 
 def checked_facts(facts: MethodFacts) -> MethodFacts | None:
-    """Return facts whose texts can be shown; None where nothing is told.
+    """Return facts with valid texts; None if there are none.
 
     Raises:
         InvalidRecord: A text cannot be shown.
@@ -305,11 +305,11 @@ def accept(
 
 
 def confirm(session: Session, submission_id: str, *, actor: str) -> Submission:
-    """Let what a team was asked about count: a new submission of the same file and words.
+    """Confirm what a team was asked about, as a new submission with the same file and texts; idempotent.
 
-    Confirming twice is once. The deadline is judged by the first byte of the file, for as long as
-    `LONGEST_UPLOAD` after it; later, by now. The file is kept for an hour longer than may be confirmed,
-    so that no confirmation under way loses it.
+    The deadline is judged by the first byte of the file until `LONGEST_UPLOAD` after it, later by the
+    current time. The file is kept for an hour longer than it can be confirmed, so that a concurrent
+    confirmation does not lose it.
 
     Raises:
         NotFound: No such submission.
@@ -343,7 +343,7 @@ def confirm(session: Session, submission_id: str, *, actor: str) -> Submission:
 
 
 def takes_confirmation(session: Session, phase: Phase, asked: Submission, now: datetime) -> bool:
-    """Whether the phase takes what its team is asked about, be it for the late view."""
+    """Whether the phase would accept a confirmation, even if only for the late view."""
     moment = arrival(session, phase, asked.arrived_at, now)
     return _takes_upload(session, phase, own_deadline(phase, asked.granted_until), moment)
 
@@ -359,9 +359,9 @@ def require_acceptable(
     idempotency_key: str | None,
     asks_first: bool,
 ) -> tuple[Submission | None, datetime | None]:
-    """Refuse what cannot be accepted.
+    """Refuse an upload that cannot be accepted.
 
-    Asked before a byte is stored, and again by `accept` under the lock of the team, which alone
+    Called before a byte is stored, and again by `accept` under the lock of the team, which alone
     makes quotas exact.
 
     Returns:
@@ -396,10 +396,10 @@ def _gives_way(first: Submission, now: datetime, *, asks_first: bool) -> bool:
 
 
 def arrival(session: Session, phase: Phase, arrived_at: datetime | None, now: datetime) -> datetime:
-    """Return the moment by which an upload is judged: its first byte, or now if that is long ago.
+    """Return the time by which an upload is judged: that of its first byte, or now if that is long ago.
 
-    It is now, too, once scores were revealed that were kept back when the first byte came: a file
-    that is held in the air would answer them.
+    It is also now if scores were revealed since the first byte: a slow upload could otherwise be
+    completed in knowledge of them.
     """
     if arrived_at is None or not now - LONGEST_UPLOAD <= arrived_at <= now:
         return now
@@ -410,15 +410,13 @@ def arrival(session: Session, phase: Phase, arrived_at: datetime | None, now: da
 def _score_under_both(
     session: Session, submission: Submission, shadow: Shadow, now: datetime
 ) -> None:
-    """While a protocol update is open, score also under the side that is not shown."""
+    """While a protocol update is open, also score under the key that is not shown."""
     job = new_job(submission, *shadow.key, Lane.RESCORE, False, now, is_held=shadow.is_held)
     session.add(job)
 
 
 def withdraw(session: Session, submission_id: str, *, actor: str) -> Submission:
-    """Withdraw a submission: it leaves the board, unfinished jobs end, quota stays used.
-
-    Withdrawing twice does nothing.
+    """Withdraw a submission: it leaves the board, unfinished jobs end, quota stays used. Idempotent.
 
     Raises:
         NotFound: No such submission.
@@ -449,9 +447,8 @@ def find_submission(
     Raises:
         NotFound: There is none, or it is not the team's: the answer is the same.
     """
-    submission = session.get(
-        Submission, submission_id, with_for_update=lock, populate_existing=lock
-    )
+    how = {"key_share": True} if lock else None  # rows that refer to it may be written meanwhile
+    submission = session.get(Submission, submission_id, with_for_update=how, populate_existing=lock)
     if submission is None or (team_id is not None and submission.team_id != team_id):
         raise NotFound("submission", submission_id)
     return submission
@@ -474,7 +471,7 @@ def submission_page(
     after: str | None = None,
     limit: int,
 ) -> tuple[list[Submission], str | None]:
-    """Return submissions, newest first, and after which one the next page begins, if any.
+    """Return a page of submissions, newest first, and the cursor of the next page, if any.
 
     This page begins after the submission `after`.
 
@@ -500,13 +497,13 @@ def submission_page(
 
 
 def counts_by_team(session: Session) -> dict[int, int]:
-    """Return how many submissions each team has, whatever became of them."""
+    """Return how many submissions each team has, of any status."""
     query = select(Submission.team_id, func.count()).group_by(Submission.team_id)
     return {team_id: count for team_id, count in session.execute(query)}
 
 
 def counts_by_phase(session: Session) -> dict[str, int]:
-    """Return how many submissions each phase has, whatever became of them."""
+    """Return how many submissions each phase has, of any status."""
     query = select(Submission.phase_id, func.count()).group_by(Submission.phase_id)
     return {phase_id: count for phase_id, count in session.execute(query)}
 
@@ -584,12 +581,12 @@ def _require_open(
 
 
 def lock_jobs(session: Session, which: ColumnElement[bool]) -> None:
-    """Wait for whoever claims, ends or changes these jobs, in the order of all: by id, before submissions."""
+    """Lock jobs in the order that every caller uses: by id, and before submissions."""
     session.execute(select(Job.id).where(which).order_by(Job.id).with_for_update())
 
 
 def scored_under(session: Session, submission_id: str) -> list[ScoringKey]:
-    """Return what a submission has a sheet under."""
+    """Return the keys under which a submission has a sheet."""
     query = select(ScoreSheetRow.protocol_digest, ScoreSheetRow.split_revision).where(
         ScoreSheetRow.submission_id == submission_id
     )

@@ -98,7 +98,7 @@ class Submission(Base):
 
 
 class SubmissionEdit(Base):
-    """What a team changed of what it says of a submission, append-only."""
+    """An edit of a submission's description by its team; append-only."""
 
     __tablename__ = "submission_edits"
     id: Mapped[int] = mapped_column(primary_key=True)
@@ -127,7 +127,7 @@ class ScoreSheetRow(Base):
 
 
 class ReceiptKeyRow(Base):
-    """The public half of a key that has signed receipts. It is kept for ever."""
+    """The public half of a key that has signed receipts, kept forever."""
 
     __tablename__ = "receipt_keys"
     key_id: Mapped[str] = mapped_column(primary_key=True)

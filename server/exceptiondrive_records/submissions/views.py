@@ -83,7 +83,7 @@ def view(session: Session, submission: Submission, *, is_duplicate: bool = False
 
 
 def views(session: Session, submissions: Sequence[Submission]) -> tuple[SubmissionView, ...]:
-    """Return submissions as their teams see them: each question is asked once for all of a phase."""
+    """Return submissions as their teams see them, with one query of each kind for all of a phase."""
     now = database_now(session)
     teams = session.scalars(_TEAMS, {"teams": list({each.team_id for each in submissions})})
     team_of = {team.id: team for team in teams}
@@ -112,7 +112,7 @@ def views(session: Session, submissions: Sequence[Submission]) -> tuple[Submissi
 
 
 class _Seen:
-    """What the records say of submissions to one phase, asked for all of them when it is first asked for."""
+    """Data about submissions to one phase, each queried for all of them on first use."""
 
     def __init__(
         self, session: Session, phase: Phase, submissions: Sequence[Submission], now: datetime
@@ -363,7 +363,7 @@ def recent_scoring_s(session: Session) -> float | None:
 
 
 def _expected_wait_s(scoring_s: float | None, position: int, alive: int) -> float | None:
-    """Until a worker is free: `position` jobs come first, and the workers work side by side."""
+    """Time until a worker is free: `position` jobs come first, and workers run in parallel."""
     if scoring_s is None or alive == 0:
         return None
     return round(max(0, position - alive + 1) * scoring_s / alive, 1)

@@ -59,7 +59,7 @@ class Team(Base):
 
 
 class SiteSetting(Base):
-    """What organizers switch while the server runs."""
+    """A setting that organizers switch while the server runs."""
 
     __tablename__ = "site_settings"
     name: Mapped[str] = mapped_column(primary_key=True)

@@ -80,7 +80,7 @@ def require_free_name(session: Session, team: Team) -> None:
 
 
 def names_that_look_alike(session: Session) -> list[tuple[str, ...]]:
-    """Return names of teams that no two teams could take today: older ones stand as they are."""
+    """Return names of existing teams that look alike, which new teams could not take."""
     alike: dict[str, list[str]] = {}
     for name in session.scalars(select(Team.name).order_by(Team.id)):
         alike.setdefault(skeleton(name), []).append(name)
@@ -141,7 +141,7 @@ def refuse_team(session: Session, slug: str, *, reason: str, actor: str) -> None
 
 
 def _of_team(key: ForeignKey, team_id: int) -> Iterator[ColumnElement[bool]]:
-    """Yield what holds for rows whose key points to a team, or to something that a team has."""
+    """Yield conditions for the rows that refer to a team, directly or through other rows of it."""
     target = key.column.table
     if target is Team.__table__:
         yield key.parent == team_id
@@ -209,7 +209,7 @@ def _count(session: Session, *which: ColumnElement[bool]) -> int:
 
 
 def _network_digest(address: str) -> str | None:
-    """Return what stands for the network of an address; None where it is none."""
+    """Return the digest of an address's network; None if it is not an IP address."""
     try:
         found = ip_address(address)
     except ValueError:
@@ -224,7 +224,7 @@ NOT_APPROVED = "Your team is not approved yet; an organizer has to look at it fi
 
 
 def require_approved(team: Team) -> None:
-    """Refuse a submission of a team that waits for approval, or that is none any more."""
+    """Refuse a submission of a team that waits for approval, or that no longer exists."""
     if team.is_gone:
         raise NotAllowed("Your team was forgotten, or became part of another one, meanwhile.")
     if team.pending_since is not None:
@@ -250,7 +250,7 @@ def self_registration_is_on(session: Session, environment: bool | None) -> bool:
 
 
 def switch_self_registration(session: Session, is_on: bool, *, actor: str) -> None:
-    """Let teams register themselves, or no longer."""
+    """Switch self-registration of teams on or off."""
     row, value = session.get(SiteSetting, _SELF_REGISTRATION), {"is_on": is_on}
     if row is not None and row.value == value:
         return

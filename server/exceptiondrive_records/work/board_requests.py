@@ -31,9 +31,9 @@ LONGEST_PAUSE_S = 10.0
 def want_board(
     session: Session, phase_id: str, protocol_digest: str, split_revision: str | None = None
 ) -> None:
-    """Ask, in this transaction, for a new board of the phase under a protocol.
+    """Request, in this transaction, a new board of the phase under a protocol.
 
-    A board that nobody sees yet, a draft's, waits behind the live work. Its entries were scored
+    A draft board, which readers do not see, waits behind live work. Its entries were scored
     against `split_revision`, by default the one that the phase shows.
     """
     phase = session.get_one(Phase, phase_id)
@@ -54,7 +54,7 @@ def want_board(
 def is_board_wanted(
     session: Session, phase_id: str, protocol_digest: str, split_revision: str
 ) -> bool:
-    """Whether a newer board is wanted than was built."""
+    """Whether a board was requested after the last one was built."""
     key = _key(phase_id, protocol_digest, split_revision)
     state = session.scalar(select(BoardRequest.state).where(BoardRequest.key == key))
     return state in OPEN_STATES
@@ -69,7 +69,7 @@ def board_begun_at(
 
 
 def claim_board(session: Session, lane: Lane, lease_s: float) -> BoardRequest | None:
-    """Lease the build of a board of a lane that is due longest; None: none is due."""
+    """Claim the board build of a lane that has been due longest; None if none is due."""
     return claim(session, BoardRequest, _due_longest_first(lane), lease_s)
 
 
@@ -80,12 +80,12 @@ def _due_longest_first(lane: Lane) -> Select[str]:
 
 
 def finish_board(session: Session, request: BoardRequest) -> bool:
-    """End a build at the end of this transaction, as `finish_last`: every score wants its row."""
+    """End a build at the end of this transaction, as `finish_last`: every score updates its row."""
     return finish_last(session, request, pause_after)
 
 
 def is_due(lane: Lane) -> ColumnElement[bool]:
-    """Condition on `BoardRequest`: wanted in this lane, not being built, and at its pace."""
+    """Condition on `BoardRequest`: requested in this lane, not being built, and due."""
     is_rested = or_(BoardRequest.available_at <= NOW, ~LIVE_WORK_OPEN)
     return and_(BoardRequest.lane == lane, is_free(BoardRequest, NOW), is_rested)
 

@@ -73,7 +73,7 @@ def lane_queues() -> tuple[Queue, ...]:
 
 
 class Dispatcher:
-    """Wakes workers through one broker. For all threads of a process, not for forked ones."""
+    """Wakes workers through one broker. Safe to share between threads, not between forked processes."""
 
     def __init__(self, broker_url: str) -> None:
         self._app = Celery("exceptiondrive-dispatcher", broker=broker_url, set_as_current=False)
@@ -92,9 +92,9 @@ class Dispatcher:
         self._quiet_until = 0.0
 
     def wake(self, lane: Lane, at_most: int = 1) -> bool:
-        """Let so many messages wait in a lane; return whether the broker has them.
+        """Fill a lane up to so many messages; return whether the broker has them.
 
-        Who looks at the same time may send one more, which then wakes somebody for nothing.
+        A concurrent caller may send one more, which then wakes a worker for nothing.
         """
         if time.monotonic() < self._quiet_until:
             return False
@@ -123,7 +123,7 @@ class Dispatcher:
 
 
 def wake_lanes(database: Database, dispatcher: Dispatcher, settings: RecordsSettings) -> int:
-    """Wake workers for all that could be done now, at most one a worker; return for how much."""
+    """Wake workers for all work that is due, at most one message a worker; return for how many items."""
     with database.read() as session:
         due = {
             lane: sum(session.execute(_number_due(lane, settings.max_attempts)).one())
@@ -136,7 +136,7 @@ def wake_lanes(database: Database, dispatcher: Dispatcher, settings: RecordsSett
 
 
 def kinds_due(session: Session, lane: Lane, max_attempts: int) -> frozenset[type[WorkItem]]:
-    """Return the kinds of items of which one could be done now in a lane."""
+    """Return the kinds of work that are due in a lane."""
     found = session.execute(_is_due_by_kind(lane, max_attempts)).one()
     return frozenset(kind for kind, is_any in zip(_KINDS[lane], found, strict=True) if is_any)
 

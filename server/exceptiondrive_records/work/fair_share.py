@@ -29,17 +29,17 @@ _IS_LIVE_WORK_OPEN = select(LIVE_WORK_OPEN)
 
 
 def waits(lane: Lane) -> ColumnElement[bool]:
-    """Condition on `Job`: of this lane, free, and its time has come."""
+    """Condition on `Job`: of this lane, free and due."""
     return and_(Job.lane == lane, is_claimable(Job, NOW))
 
 
 def fair_order(
     waiting: ColumnElement[bool], lane: Lane, *, firsts_alone: bool = False
 ) -> Select[str]:
-    """Select the ids of waiting jobs in the order in which they are to be scored.
+    """Select the ids of waiting jobs in the order of scoring.
 
-    `waiting` is a condition on `Job` (`waits`). `firsts_alone`: of each team its oldest job, and
-    the first of all is one of them; to find it then costs what there are teams, not what waits.
+    `waiting` is a condition on `Job` (`waits`). `firsts_alone` selects each team's oldest job, among
+    which is the next of all; finding it then costs as much as there are teams, not jobs.
     """
     one = aliased(Job) if firsts_alone else Job
     place = func.row_number().over(
@@ -90,7 +90,7 @@ def fair_order(
 
 
 def jobs_ahead(session: Session, jobs: Iterable[Job]) -> dict[str, int]:
-    """Return how many live jobs run, or are scored before each of these, which wait; by their ids."""
+    """Return, by id of these waiting jobs, how many live jobs run or come first."""
     place = {job_id: n for n, job_id in enumerate(session.scalars(_live_order()))}
     n_running = session.scalar(_N_LIVE_RUNNING) or 0
     return {job.id: n_running + place.get(job.id, len(place)) for job in jobs}

@@ -37,7 +37,7 @@ def beat(
     missing_splits: Sequence[str] = (),
     ttl_s: float = HEARTBEAT_TTL_S,
 ) -> None:
-    """Record a sign of life, which holds for `ttl_s`; forget workers that are long gone."""
+    """Record a heartbeat, valid for `ttl_s`; remove workers that are long gone."""
     values = {
         "worker_id": worker_id,
         "lanes": [lane.value for lane in lanes],
@@ -94,5 +94,5 @@ def _numbers(version: str) -> tuple[int, ...]:
 
 
 def forget_worker(session: Session, worker_id: str) -> None:
-    """Take a worker that stops in good order off the list."""
+    """Remove a worker that shuts down cleanly from the list."""
     session.execute(delete(WorkerHeartbeat).where(WorkerHeartbeat.worker_id == worker_id))

@@ -85,10 +85,10 @@ def new_job(
 def claim_job(
     session: Session, lane: Lane, lease_s: float, max_attempts: int, *which: ColumnElement[bool]
 ) -> Job | None:
-    """Lease the job of a lane that comes next in fair order; None: nothing is free.
+    """Claim the next job of a lane in fair order; None if none is free.
 
-    The lease is longer than the hard limit of a scoring run. Beyond `max_attempts` the reconciler
-    gives a job up. `which` are conditions on `Job`, for a worker that cannot take every one.
+    The lease is longer than the hard limit of a scoring run. After `max_attempts` the reconciler
+    gives a job up. `which` are conditions on `Job`, for a worker that cannot score all of them.
     """
     job = claim(session, Job, _in_fair_order(lane, max_attempts, True, *which), lease_s)
     if job is None:  # others may have locked the first of each team: their next ones wait behind
@@ -151,7 +151,7 @@ def finish_scored(
 
 
 def finish_rejected(session: Session, job: Job, report: CheckReport) -> bool:
-    """Record that the file is wrong, with the report that lists every fault."""
+    """Record that a file was rejected, with the report of all its faults."""
     if not finish(session, job):
         return False
     if job.is_first:
@@ -175,7 +175,7 @@ def finish_failed(
     max_attempts: int = 4,
     backoff_s: float = 2.0,
 ) -> bool:
-    """Record that we could not score: try again after a while, or give up.
+    """Record that scoring failed on our side: retry after a pause, or give up.
 
     Code and message are fit for the team, the message one sentence: never a traceback, path or
     geometry. `counts`: this was an attempt at all; while what scoring needs is away, jobs
@@ -211,7 +211,7 @@ def give_up_exhausted(session: Session, max_attempts: int) -> int:
 
 
 def queue_again(session: Session, *which: ColumnElement[bool]) -> None:
-    """Let ended jobs wait again, with all their attempts: their wait begins anew."""
+    """Queue ended jobs again, with all their attempts and a new waiting time."""
     now = database_now(session)
     query = select(Job).where(*which).order_by(Job.id).with_for_update()
     for job in session.scalars(query, execution_options={"populate_existing": True}):
@@ -236,6 +236,6 @@ def _set_failed(session: Session, submission_id: str, code: str, message: str) -
 def _set_status(
     session: Session, submission_id: str, status: SubmissionStatus, **values: Any
 ) -> None:
-    """At the end of this transaction, unless the submission has ended otherwise."""
+    """Set a submission's status at the end of this transaction, unless it is final already."""
     given = {"submission": submission_id, "status": status}
     do_last(session, _OPEN_SUBMISSION, given | values)

@@ -103,10 +103,10 @@ def ask(
     rests_s: float = 0.0,
     **columns: object,
 ) -> None:
-    """Ask, at the end of this transaction, for something to be done, again if it was asked for before.
+    """Request work at the end of this transaction, again if it was done before.
 
-    What is being done now is done once more after that. What was done before rests `rests_s` from
-    now on at the least.
+    If it is being done now, it is done once more afterwards. If it was done before, it waits at least
+    `rests_s` from now.
     """
     how = upsert(session, kind, _NEW, _ASKED_AGAIN, takes=("lane",), keys=("kind", "key"))
     values = _new_values(kind, key, lane=lane) | columns | {"rests_s": rests_s}
@@ -116,28 +116,28 @@ def ask(
 def ask_once(
     session: Session, kind: type[WorkItem], key: str, *, lane: Lane | None = None, **columns: object
 ) -> None:
-    """Ask for something to be done, unless it was asked for before."""
+    """Request work, unless it was ever requested before."""
     insert_if_absent(session, kind, _NEW, **_new_values(kind, key, lane=lane), **columns)
 
 
 def is_free(kind: type[WorkItem], now: Moment) -> ColumnElement[bool]:
-    """Whether nobody has an item: it waits, or its lease has run out."""
+    """Condition: an item is free, as it waits or its lease has expired."""
     is_over = or_(kind.lease_until < now, kind.leased_at > SET_BACK)
     is_expired = and_(kind.state == WorkState.LEASED, is_over)
     return and_(kind.state.in_(CLAIMED_FROM), or_(kind.state == WorkState.QUEUED, is_expired))
 
 
 def is_claimable(kind: type[WorkItem], now: Moment) -> ColumnElement[bool]:
-    """Whether an item is free, and its time has come."""
+    """Condition: an item is free and due."""
     return and_(is_free(kind, now), kind.available_at <= now)
 
 
 def claim(session: Session, kind: type[Item], first: Select[str], lease_s: float) -> Item | None:
-    """Choose and lease an item in one statement; None: nothing is free.
+    """Choose and claim an item in one statement; None if none is free.
 
-    `first` selects ids of free items at `NOW`, in the order in which they are to be done; one that
-    is kept makes the whole statement once. The lease is longer than doing it may take. The item is
-    returned as it was claimed: with its fence it is the proof of the lease.
+    `first` selects ids of free items at `NOW` in the order of work; a cached one lets the whole statement
+    be built once. The lease is longer than the work may take. The item is returned as claimed: its
+    fence is the proof of the lease.
     """
     given = {"lease_s": lease_s}
     taken: Item | None = session.scalars(_claim_statement(kind, first), given).first()
@@ -148,7 +148,7 @@ def claim(session: Session, kind: type[Item], first: Select[str], lease_s: float
 
 @lru_cache
 def _claim_statement(kind: type[WorkItem], first: Select[str]) -> Any:
-    """The change stands within a selection: by itself the session would make it anew each time."""
+    """Wrap the update in a select: the session would compile a bare update again each time."""
     chosen = first.limit(1).with_for_update(of=kind, skip_locked=True)
     change = (
         update(kind)
@@ -168,7 +168,7 @@ def _claim_statement(kind: type[WorkItem], first: Select[str]) -> Any:
 def claim_oldest(
     session: Session, kind: type[Item], lease_s: float, max_attempts: int
 ) -> Item | None:
-    """Lease the item of a kind that was asked for first, and tried fewer than so many times."""
+    """Claim the item of a kind that was requested first, with fewer than so many attempts."""
     return claim(session, kind, _oldest_first(kind, max_attempts), lease_s)
 
 
@@ -184,16 +184,16 @@ def _oldest_first(kind: type[WorkItem], max_attempts: int) -> Select[str]:
 def finish(
     session: Session, item: WorkItem, state: WorkState = WorkState.DONE, *, note: str | None = None
 ) -> bool:
-    """End an item; what was asked for meanwhile waits again. The note says why it came to nothing.
+    """End an item; if it was requested again meanwhile, it waits again. The note says why it failed.
 
-    It says whether the lease was still held: otherwise nothing was changed but the audit log.
+    Returns whether the lease was still held; if not, only the audit log was changed.
     """
     how = {"was_asked": item.asked, "ends_as": state.value, "note": note}
     return _leave_lease(session, item, _FINISH, rests_s=0.0, **how)
 
 
 class LeaseLost(Exception):  # noqa: N818 - nothing is wrong: another one does it now
-    """Somebody else claimed an item while its end was recorded: nothing was."""
+    """Another worker claimed the item before its end was recorded, so nothing was recorded."""
 
 
 def finish_last(session: Session, item: WorkItem, pause_after: Callable[[float], float]) -> bool:
@@ -219,20 +219,20 @@ def finish_last(session: Session, item: WorkItem, pause_after: Callable[[float],
 def try_later(
     session: Session, item: WorkItem, wait_s: float, *, counts: bool = True, note: str | None = None
 ) -> bool:
-    """Give an item back, as `finish`, to be tried again after a while; `counts`: this was one of its attempts."""
+    """Return an item for a later retry, as `finish`; `counts` says whether this was one of its attempts."""
     given = {"state": WorkState.QUEUED, "attempts": item.attempts - (not counts), "note": note}
     return _leave_lease(session, item, _LEAVE, rests_s=wait_s, **given)
 
 
 def wait_before_next_s(item: WorkItem, first_s: float) -> float:
-    """Return how long a failed attempt is followed by none: `first_s` after the first, then twice as long each time."""
+    """Return the pause after a failed attempt: `first_s` after the first, doubling with each."""
     return first_s * 2.0 ** (item.attempts - 1)
 
 
 def give_up(
     session: Session, kind: type[Item], max_attempts: int, *which: ColumnElement[bool]
 ) -> Sequence[Item]:
-    """Leave alone what ended whoever did it in each attempt; return it as it stands then."""
+    """Give up items whose every attempt ended without an answer; return them."""
     now = database_now(session)
     is_exhausted = and_(kind.attempts >= max_attempts, is_free(kind, now))
     given_up = _end_statement(kind, WorkState.DEAD, now).where(is_exhausted, *which).returning(kind)
@@ -242,7 +242,7 @@ def give_up(
 def cancel(
     session: Session, kind: type[WorkItem], now: datetime, *which: ColumnElement[bool]
 ) -> None:
-    """Take back what has not ended; whoever has it has lost the lease."""
+    """Cancel items that have not ended; their holders lose the lease."""
     is_open = kind.state.in_(OPEN_STATES)
     session.execute(_end_statement(kind, WorkState.CANCELLED, now).where(is_open, *which))
 
@@ -261,7 +261,7 @@ def _leave_lease(session: Session, item: WorkItem, how: Update, **given: object)
 
 
 def _tell_stale(session: Session, item: WorkItem) -> None:
-    """Say in the audit log that somebody came whose lease was lost."""
+    """Write an audit line about a worker that came back after losing its lease."""
     detail = {"item": item.id, "fence": item.fence}
     audit(session, "worker", "stale fence rejected", item.subject, detail)
 
@@ -287,14 +287,14 @@ def take_lead(session: Session, name: str, holder: str, lease_s: float) -> bool:
 
 
 def give_up_lead(session: Session, name: str, holder: str) -> None:
-    """Let another lead at once."""
+    """Release leadership, so that another can lead at once."""
     session.execute(delete(Leader).where(Leader.key == name, Leader.holder == holder))
 
 
 def _new_values(
     kind: type[WorkItem], key: str, *, lane: Lane | None = None, is_held: bool = False
 ) -> dict[str, Any]:
-    """All but the times and what a kind has of its own."""
+    """The columns of a new item, except times and those specific to a kind."""
     return {
         "id": random_id(24),
         "kind": kind.__mapper__.polymorphic_identity,

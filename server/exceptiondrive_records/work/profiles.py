@@ -18,7 +18,7 @@ _COMING = select(Profile.key).where(
 
 
 def ask_for_profile(session: Session, submission_id: str) -> None:
-    """Let a scored file be looked at, once, under what it was first scored under."""
+    """Request the profile of a scored file, once, under the key that first scored it."""
     first = select(Job).where(Job.submission_id == submission_id, Job.is_first)
     job = session.scalars(first).one()
     ask_once(
@@ -33,7 +33,7 @@ def ask_for_profile(session: Session, submission_id: str) -> None:
 
 
 def was_profile_asked_for(session: Session, submission_id: str) -> bool:
-    """Whether anybody asked what a file looks like, whatever came of it."""
+    """Whether the profile of a file was ever requested, whatever its outcome."""
     return session.scalar(select(Profile.id).where(Profile.key == submission_id)) is not None
 
 
@@ -58,5 +58,5 @@ def finish_profile(
 
 
 def profiles_coming(session: Session, submission_ids: Iterable[str]) -> set[str]:
-    """Return those of submissions of which it is still being worked out what their files look like."""
+    """Return those of these submissions whose profiles are still being computed."""
     return set(session.scalars(_COMING, {"submissions": list(submission_ids)}))

@@ -13,7 +13,7 @@ from exceptiondrive_schemas.jobs import Lane
 
 
 class WorkState(StrEnum):
-    """Where a work item stands. The last four are final."""
+    """The state of a work item. The last four are final."""
 
     QUEUED = "queued"
     HELD = "held"
@@ -49,7 +49,7 @@ NEEDED = {
 
 
 class WorkItem(Base):
-    """Something to do. Each kind is a class of its own; all of them share this lease.
+    """An item of work. Each kind is a class of its own; all of them share this lease.
 
     A claim raises `fence`: whoever comes with an older one has lost the lease and changes nothing.
     """
@@ -98,7 +98,7 @@ class WorkItem(Base):
 
 
 class Job(WorkItem):
-    """One scoring run to be done: submission x protocol x split revision."""
+    """A scoring job: submission x protocol x split revision."""
 
     __mapper_args__ = {"polymorphic_identity": "score"}  # noqa: RUF012
     submission_id: Mapped[str] = mapped_column(ForeignKey("submissions.id"), nullable=True)
@@ -131,7 +131,7 @@ class BoardRequest(WorkItem):
 
 
 class Profile(WorkItem):
-    """A scored file that is looked at for its team: what it looks like, told after its score."""
+    """The profile of a scored file to be computed for its team, after its score."""
 
     __mapper_args__ = {"polymorphic_identity": "profile"}  # noqa: RUF012
     submission_id: Mapped[str] = mapped_column(
@@ -144,7 +144,7 @@ class Profile(WorkItem):
 
 
 class Recheck(WorkItem):
-    """A sheet that a verification recomputes; `note` says why it did not come again."""
+    """A sheet that a verification recomputes; `note` says why it was not reproduced."""
 
     __mapper_args__ = {"polymorphic_identity": "recheck"}  # noqa: RUF012
     run_id: Mapped[str] = mapped_column(
@@ -158,7 +158,7 @@ class Recheck(WorkItem):
 
 
 class Trial(WorkItem):
-    """A split that is tried under what a rescoring run leads to."""
+    """A test of a split under the target key of a rescoring run."""
 
     __mapper_args__ = {"polymorphic_identity": "trial"}  # noqa: RUF012
     run_id: Mapped[str] = mapped_column(
@@ -168,7 +168,7 @@ class Trial(WorkItem):
 
 
 class Leader(WorkItem):
-    """What one process at a time may do; `key` names it."""
+    """The lease of a role that one process holds at a time; `key` names it."""
 
     __mapper_args__ = {"polymorphic_identity": "lead"}  # noqa: RUF012
     holder: Mapped[str] = mapped_column(nullable=True)

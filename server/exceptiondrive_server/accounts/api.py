@@ -63,7 +63,7 @@ def get_own_tokens(services: ServicesOf, keeper: TokenKeeper) -> list[TokenView]
 
 @router.post("", operation_id="issueOwnToken", status_code=201, responses=_MISSING)
 def post_own_token(services: ServicesOf, keeper: TokenKeeper, token: NewTeamToken) -> IssuedToken:
-    """Issue a token with no more rights than one's own; its text is answered once."""
+    """Issue a token with no more rights than your own; its text is shown only in this response."""
     team_id = team_of(keeper)
     with services.database.write() as session:
         text, made = issue_team_token(
@@ -78,7 +78,7 @@ def post_own_token(services: ServicesOf, keeper: TokenKeeper, token: NewTeamToke
 def post_rotation(
     services: ServicesOf, keeper: TokenKeeper, token_id: TokenId, rotation: Rotation
 ) -> IssuedToken:
-    """Issue the successor of a token; the old one works on for `keep_days`."""
+    """Issue the successor of a token; the old one stays valid for `keep_days`."""
     team_id = team_of(keeper)
     with services.database.write() as session:
         text, made = rotate_team_token(session, keeper, token_id, rotation.keep_days)
@@ -89,7 +89,7 @@ def post_rotation(
 def post_own_revocation(
     services: ServicesOf, keeper: TokenKeeper, token_id: TokenId
 ) -> RevokedToken:
-    """Revoke a token of the team for good, one's own included; `still_work` says what it made."""
+    """Revoke a token of the team for good, even your own; `still_work` lists live tokens it issued."""
     team_id = team_of(keeper)
     with services.database.write() as session:
         token = revoke_team_token(session, keeper, token_id)
@@ -112,7 +112,7 @@ me_router = APIRouter(tags=["access"])
 
 @me_router.get("/me", operation_id="whoAmI", responses=problem_responses(ProblemCode.NOT_SIGNED_IN))
 def get_me(principal: MaybePrincipal) -> Me:
-    """Show team, or role as an organizer, scopes and expiry of the token."""
+    """Show the token's team or organizer role, its scopes and expiry."""
     if principal is None:
         raise ApiProblem(ProblemCode.NOT_SIGNED_IN, "Send a token: Authorization: Bearer ...")
     return Me(

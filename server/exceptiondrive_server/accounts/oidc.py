@@ -52,7 +52,7 @@ _log = structlog.get_logger("exceptiondrive.oidc")
 
 
 class Provider:
-    """The one provider that this site trusts."""
+    """The OpenID provider that this site trusts."""
 
     def __init__(self, settings: ServerSettings) -> None:
         self.issuer = settings.oidc_issuer
@@ -195,7 +195,7 @@ class Provider:
 
 
 def _flow_key(settings: ServerSettings) -> str:
-    """Return what signs the cookies of flows: the same in every server of the site."""
+    """Return the key that signs the cookies of flows, the same in every server of the site."""
     secret = settings.oidc_client_secret.get_secret_value().encode()
     if not secret:  # a public client
         secret = read_or_make_key(settings.receipt_key_file).private_bytes_raw()
@@ -217,7 +217,7 @@ async def _with_profile(
 
 
 def _may_be_theirs(profile: Mapping[str, Any]) -> bool:
-    """Whether the provider does not say that it never verified the address; some say it as a text."""
+    """Whether the provider does not mark the address as unverified; some write the mark as text."""
     return profile.get("email_verified") not in (False, "false")
 
 

@@ -60,7 +60,7 @@ class NewInvitation(BaseModel):
 
 @router.get("/people", operation_id="listPeople")
 def get_people(services: ServicesOf) -> list[PersonView]:
-    """List everybody who ever signed in through the provider."""
+    """List all people who ever signed in through the provider."""
     with services.database.read() as session:
         return [_person(person) for person in list_people(session)]
 
@@ -69,7 +69,7 @@ def get_people(services: ServicesOf) -> list[PersonView]:
 def post_organizer(
     services: ServicesOf, organizer: Organizer, person_id: PersonId, wanted: OrganizerSwitch
 ) -> ChangedPerson:
-    """Make a person an organizer in some role, or no longer; `still_work` says which tokens they made."""
+    """Grant or revoke a person's organizer role; `still_work` lists live tokens they issued."""
     role = wanted.role if wanted.is_organizer else None
     with services.database.write() as session:
         person = set_organizer(session, person_id, role, wanted.phases, actor=organizer.actor)
@@ -80,9 +80,9 @@ def post_organizer(
 def post_forgetting(
     services: ServicesOf, organizer: Organizer, person_id: PersonId, action: Action
 ) -> ChangedPerson:
-    """Take a person out of their teams and of the records, whose id alone stays.
+    """Remove a person from their teams and delete their data; only their id stays.
 
-    The reason stays in the audit log: name nobody in it. `still_work` says which tokens they made.
+    The reason stays in the audit log, so name nobody in it. `still_work` lists live tokens they issued.
     """
     with services.database.write() as session:
         person = forget_person(session, person_id, reason=action.reason, actor=organizer.actor)
@@ -91,7 +91,7 @@ def post_forgetting(
 
 @router.post("/teams/{team_id}/invitations", operation_id="inviteToTeam", status_code=201)
 def post_invitation(services: ServicesOf, organizer: Organizer, team_id: TeamId) -> NewInvitation:
-    """Make a link with which one person joins a team, once."""
+    """Create an invitation link, with which one person can join a team, once."""
     with services.database.write() as session:
         team = find_team(session, team_id)
         text, made = invite(session, team.id, "an organizer", actor=organizer.actor)

@@ -67,8 +67,8 @@ def role_of(services: ServicesOf, person_id: PersonId) -> Step:
     return Step(
         section="people",
         title="Role of a person",
-        meaning="It counts from their next request on. An owner changes everything, a helper "
-        "approves teams and looks after submissions, read-only changes nothing.",
+        meaning="It applies from their next request on. An owner can change everything, a helper "
+        "approves teams and looks after submissions, and read-only changes nothing.",
         button="Set the role",
         back=HERE,
         back_words="People",
@@ -80,9 +80,9 @@ def role_of(services: ServicesOf, person_id: PersonId) -> Step:
                 "Role",
                 "choice",
                 options=tuple((str(role), str(role)) for role in OrganizerRole),
-                empty="no organizer",
+                empty="none",
             ),
-            FormField("phases", "Phases", hint="Ids, apart by blanks; empty: of the whole site."),
+            FormField("phases", "Phases", hint="Ids, separated by spaces; empty: the whole site."),
         ),
         texts=_role_texts(person),
         kept=kept,
@@ -101,9 +101,9 @@ def forget(services: ServicesOf, person_id: PersonId) -> Step:
     return Step(
         section="people",
         title="Forget a person",
-        meaning="Name, address and sessions are taken out of the records, and they are out of their "
-        "teams, whose submissions, tokens and addresses stay. Name nobody in the reason. This cannot "
-        "be taken back; who signs in again is somebody new.",
+        meaning="Name, address and sessions are removed from the records, and the person leaves all teams, "
+        "whose submissions, tokens and addresses stay. Do not name anybody in the reason. This cannot "
+        "be undone; whoever signs in again is somebody new.",
         button="Forget",
         back=HERE,
         back_words="People",
@@ -113,7 +113,7 @@ def forget(services: ServicesOf, person_id: PersonId) -> Step:
         facts=facts,
         command=f'exceptiondrive organizer people forget {person_id} --reason "…"',
         is_grave=True,
-        blockers=("The person is an organizer: take their role first.",)
+        blockers=("The person is an organizer: remove their role first.",)
         if person.is_organizer
         else (),
     )
@@ -127,7 +127,7 @@ def _facts(session: Session, person: Person) -> tuple[tuple[str, str | tuple[str
         ("Name", person.name),
         ("Email", person.email or "none"),
         ("Id", person.id),
-        *([("Made tokens, which work on until they are revoked", made)] if made else ()),
+        *([("Tokens that they made, which keep working until revoked", made)] if made else ()),
     )
 
 

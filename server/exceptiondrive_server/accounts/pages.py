@@ -145,14 +145,14 @@ def show_form(
 
 
 def enter(request: Request, back: str, secret: str, is_organizer: bool) -> Response:
-    """Hand a new session to the browser and lead it on; organizers begin at their own pages."""
+    """Set the session cookie and redirect; organizers start at their own pages."""
     answer = go(ORGANIZERS_HERE if is_organizer and back == HERE else back)
     keep_session(request, answer, secret, is_organizer=is_organizer)
     return answer
 
 
 def go(path: str) -> Response:
-    """Lead to a page of this site, and nowhere else."""
+    """Redirect to a page of this site, never elsewhere."""
     headers = {"Cache-Control": "no-store"}
     return RedirectResponse(safe_back(path), status_code=303, headers=headers)
 
@@ -171,7 +171,7 @@ STALE = "This sign-in was not begun in this browser, is too old, or another was 
 
 @router.get("/sign-in/provider")
 async def send_to_provider(request: Request, services: ServicesOf, back: Text = HERE) -> Response:
-    """Send the browser to the provider. A link, no form: our own CSP binds forms to this site."""
+    """Redirect to the provider. Reached by a link, as our CSP limits forms to this site."""
     require_private_channel(request)
     provider = _provider(services)
     await run_in_threadpool(_count_attempt, services, start_keys_of(address_of(request)))
@@ -191,7 +191,7 @@ async def come_back(
     code: Text = "",
     error: Text = "",
 ) -> Response:
-    """Open a session for whom the provider vouches for; every failure ends the flow."""
+    """Open a session for the person that the provider identified; every failure ends the flow."""
     require_private_channel(request)
     provider = _provider(services)
     back = await provider.way_back(request)

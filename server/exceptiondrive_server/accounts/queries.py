@@ -15,7 +15,7 @@ _UNKNOWN = "not recorded"
 
 
 def scopes_field(scopes: Sequence[Scope]) -> FormField:
-    """Return the field in which the rights of a new token are ticked."""
+    """Return the form field for the scopes of a new token."""
     options = tuple((str(scope), f"{MEANING_OF_SCOPE[scope]} ({scope})") for scope in scopes)
     return FormField("scopes", "It may", "several", options=options)
 

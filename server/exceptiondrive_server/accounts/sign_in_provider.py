@@ -8,8 +8,8 @@ CALLBACK = "/sign-in/callback"
 
 
 class ProviderAway(Exception):  # noqa: N818 - says what happened
-    """The provider does not answer, or not as a provider does."""
+    """The provider does not answer, or not correctly."""
 
 
 class SignInRefused(Exception):  # noqa: N818 - says what happened
-    """The provider answered, and nobody is signed in by it."""
+    """The provider answered, but signed nobody in."""

@@ -63,9 +63,9 @@ def get_audit_verdict(
     services: ServicesOf,
     head: Annotated[Head | None, Query(description="kept from an earlier verification")] = None,
 ) -> AuditVerdictView:
-    """Recompute the chain: an altered, missing or reordered line is found.
+    """Recompute the chain to find altered, missing or reordered lines.
 
-    Lines cut off at the end are found by the `head` that an earlier verification told.
+    With the `head` from an earlier verification, it also finds lines cut off at the end.
     """
     with services.database.read() as session:
         verdict = verify_audit(session, head)

@@ -77,10 +77,10 @@ def get_board(
     limit: Limit = None,
     after: After = None,
 ) -> Response:
-    """Give a board as JSON; sorting and filters change no rank, rows without a value come last.
+    """Get a board as JSON; sorting and filters change no rank, and rows without a value come last.
 
-    With `limit` some entries at a time: the header `Link` names the next page (`rel="next"`), which
-    is of the same board also where another is the current one by then. Comparisons stand on the first.
+    `limit` splits it into pages: the header `Link` names the next one (`rel="next"`), always of the
+    same board, even if a newer one is current by then. Comparisons are on the first page.
     """
     max_age_s = services.settings.board_max_age_s
     number, _, start = (after or "").partition(".")
@@ -161,7 +161,7 @@ def _as_kept(request: Request, row: BoardRow, max_age_s: int | None) -> Response
     openapi_extra=documented(),
 )
 def get_board_csv(request: Request, services: ServicesOf, query: BoardQueryOf) -> Response:
-    """Give a board as CSV, without rows that papers report; cells that a spreadsheet would run as formulas are quoted."""
+    """Get a board as CSV, without reported rows; cells that a spreadsheet would run as formulas are quoted."""
     with services.database.read() as session:
         board, protocol, facts = asked_entries(session, query)
     csv = EXPORTS["csv"]
@@ -177,9 +177,9 @@ def get_board_csv(request: Request, services: ServicesOf, query: BoardQueryOf) -
     openapi_extra=documented(),
 )
 def get_facts(services: ServicesOf, query: BoardQueryOf) -> PhaseFacts:
-    """Give what teams tell of the methods on a board now: type, sensors, map, data, size, speed.
+    """Get the facts of the methods on a board as they are now: type, sensors, map, data, size, speed.
 
-    A board never changes and holds none of it; teams may edit it at any time.
+    Boards never change and do not contain them; teams may edit them at any time.
     """
     with services.database.read() as session:
         board = parsed_board(find_chosen_board(session, query))
@@ -214,8 +214,8 @@ def get_boards(
 ) -> Response:
     """List every board that was ever public, newest first: protocol, dates, what changed.
 
-    With `limit` some at a time: the header `Link` names the next page (`rel="next"`), of those
-    before, which no newer board moves.
+    `limit` splits the list into pages: the header `Link` names the next one (`rel="next"`), with older
+    boards, which newer boards do not shift.
     """
     with services.database.read() as session:
         lines = board_history(session, shown_phase(session, phase).id)
@@ -242,7 +242,7 @@ def get_board_by_number(
     phase: PhaseId,
     number: Annotated[int, Path(ge=1, lt=2**31, description="of the board")],
 ) -> Response:
-    """Give a board at its permanent address; its bytes never change."""
+    """Get a board at its permanent address; its bytes never change."""
     with services.database.read() as session:
         row = find_board(session, shown_phase(session, phase).id, number)
         return _as_kept(request, row, None)
@@ -257,7 +257,7 @@ def get_board_by_number(
 def get_reported_boards(
     services: ServicesOf, principal: MaybePrincipal, phase_id: PhaseId
 ) -> list[ReportedBoardView]:
-    """List external boards beside a phase: rows that rank nowhere, each with what differs."""
+    """List external boards of a phase: rows that are never ranked, each with what differs."""
     with services.database.read() as session:
         phase = shown_phase(session, phase_id, with_hidden=sees_hidden(principal))
         return reported_of(session, phase)

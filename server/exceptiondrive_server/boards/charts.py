@@ -175,7 +175,7 @@ class _Mark:
 
 
 def labels_of(entries: Sequence[BoardEntry], most: int = 60) -> tuple[str, ...]:
-    """Return what each of these entries is called in a picture: no two alike, none too long.
+    """Return unique, short labels of these entries for a picture.
 
     Its method; where two have the same one, its team as well; where that is the same, a number.
     """
@@ -207,7 +207,7 @@ def charted_entries(board: Board) -> tuple[BoardEntry, ...]:
 
 
 def _not_charted(board: Board) -> str:
-    """Say how many scored entries the chart of a board leaves out; nothing where it draws all."""
+    """Say how many scored entries the chart of a board leaves out; empty if none."""
     n_scored = sum([entry.source == "scored" for entry in board.entries])
     if n_scored <= MAX_SCORED:
         return ""
@@ -220,7 +220,7 @@ def _not_charted(board: Board) -> str:
 def charted_values(
     board: Board, average: Average, chart: "ScatterChart"
 ) -> list[tuple[BoardEntry, float | None, float | None]]:
-    """Return each entry that the chart is about with its two values, y before x."""
+    """Return each charted entry with its two values, y before x."""
     keys = chart.y_metric.key, chart.x_metric.key
     rows = [(entry, values_of(entry, board, average)) for entry in charted_entries(board)]
     return [(entry, values.get(keys[0]), values.get(keys[1])) for entry, values in rows]
@@ -276,7 +276,7 @@ def scatter_chart(
 
 @template_filter
 def axis_title(metric: Metric) -> str:
-    """Return what stands along an axis: the title with its abbreviation, where the label is one."""
+    """Return the title of an axis, with its abbreviation if the label is one."""
     return f"{metric.title}, {metric.label} %" if metric.label.isupper() else f"{metric.title}, %"
 
 
@@ -295,7 +295,7 @@ def _marks(
 
 
 def _outlying_references(marks: Sequence[_Mark]) -> list[_Mark]:
-    """Return the references over twice as high as every other mark, beside which no two others would differ."""
+    """Return the references over twice as high as every other mark, which would squeeze all others together."""
     others = [mark.y for mark in marks if mark.entry.source != "reference"]
     limit = 2 * max(others, default=math.inf)
     return [mark for mark in marks if mark.entry.source == "reference" and mark.y > limit]
@@ -306,7 +306,7 @@ def _times_100(interval: Interval | None) -> Interval | None:
 
 
 def _scale(values: Sequence[float], extent: tuple[float, float], width: int) -> Scale:
-    """From 0 to what holds every value, 100 at the most."""
+    """A scale from 0 to a bound of all values, at most 100."""
     n_ticks = 6 if width > 480 else 5
     return nice_scale(values, extent, n_ticks=n_ticks, floor=0.0, ceiling=100.0, include=(0.0, 1.0))
 
@@ -476,7 +476,7 @@ def _text_box(text: str, x: float, y: float, anchor: Anchor) -> Box:
 
 @lru_cache(maxsize=1024)  # each place that is tried for a name asks
 def _text_width(text: str) -> float:
-    """As wide as in the style of a label (13.5 px, bold), or a little more."""
+    """Estimate the width of a label (13.5 px, bold), rather a little too wide."""
     n_wide = len([each for each in text if east_asian_width(each) in "WF"])
     return 7.8 * len(text) + 2.0 * sum(map(str.isupper, text)) + 5.7 * n_wide
 
@@ -496,7 +496,7 @@ def _leader_boxes(leader: tuple[str, str, str, str]) -> list[Box]:
 def _arrows(
     marks: Sequence[_Mark], metrics: tuple[Metric, Metric], x: Scale, y: Scale
 ) -> tuple[Arrow, ...]:
-    """Return an arrow for each linked pair of which both stand in the drawing."""
+    """Return an arrow for each linked pair whose entries are both drawn."""
     by_key = {entry_key(mark.entry): mark for mark in marks if mark.has_x}
     arrows = []
     for mark in by_key.values():

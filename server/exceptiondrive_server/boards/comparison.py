@@ -160,7 +160,7 @@ class Comparison:
 
 
 def default_pair(board: Board) -> tuple[BoardEntry, BoardEntry] | None:
-    """Return the leader and the best ranked entry beside it; None where not two are ranked."""
+    """Return the leader and the next ranked entry; None if fewer than two are ranked."""
     ranked = sorted((e for e in board.entries if e.rank is not None), key=lambda e: e.rank or 0)
     first = board.leader or next(iter(ranked), None)
     others = [e for e in ranked if e is not first]
@@ -169,7 +169,7 @@ def default_pair(board: Board) -> tuple[BoardEntry, BoardEntry] | None:
 
 
 def find_pair(board: Board, a: str, b: str) -> PairedComparison | None:
-    """Return the comparison of two submissions in this order, where the board carries one."""
+    """Return the comparison of two submissions in this order, if the board has one."""
     for pair in board.comparisons:
         if (pair.a, pair.b) == (a, b):
             return pair
@@ -196,7 +196,7 @@ def is_sure(found: PairedDifference | None) -> bool:
 
 
 def side_of(found: PairedDifference | None) -> int:
-    """Return 1 or -1, on which side of zero the whole interval lies; 0 where it does not."""
+    """Return 1 or -1 if the whole interval is on that side of zero, else 0."""
     if found is None or found.interval is None:
         return 0
     low, high = found.interval

@@ -34,7 +34,7 @@ BADGES: dict[EntrySource, Badge] = {
 
 @template_filter
 def source_badge(source: EntrySource) -> Badge:
-    """Return the badge of rows that come from there."""
+    """Return the badge of rows from a source."""
     return BADGES[source]
 
 
@@ -49,13 +49,13 @@ def primary_metrics(challenge: Challenge) -> tuple[Metric, ...]:
 
 
 def entry_key(entry: BoardEntry) -> str:
-    """Return the name of an entry in addresses: its submission, or `reported-st-p3`."""
+    """Return the key of an entry in URLs: its submission, or `reported-st-p3`."""
     return entry.submission_id or f"{entry.source}-{slug(entry.method)}"
 
 
 @template_filter
 def entry_url(entry: BoardEntry, board: Board, is_current: bool = True) -> str:
-    """Return the address of an entry's page; from an old board, as it stood there."""
+    """Return the URL of an entry's page; from an old board, as of that board."""
     given = {} if entry.submission_id and is_current else {"phase": board.phase}
     if not is_current:
         given["board"] = str(board.board)
@@ -63,7 +63,7 @@ def entry_url(entry: BoardEntry, board: Board, is_current: bool = True) -> str:
 
 
 def board_fields(board: Board, is_current: bool = False) -> tuple[tuple[str, str], ...]:
-    """Return what names a board in an address; the late view, always the present one, has no number."""
+    """Return the query that names a board in URLs; the late view has no number, as it is always the present one."""
     if board.view == "late":
         return ("phase", board.phase), ("view", "late")
     number = () if is_current else (("board", str(board.board)),)
@@ -109,12 +109,12 @@ def is_barred(entry: BoardEntry) -> bool:
 
 
 def is_listed(entry: BoardEntry) -> bool:
-    """Whether a scored entry stands on the board without a rank."""
+    """Whether a scored entry is on the board without a rank."""
     return entry.source == "scored" and entry.rank is None
 
 
 def too_few_answers(entry: BoardEntry, ranking: RankingSection, digits: Digits) -> list[str]:
-    """Say what share of the samples a scored entry answers, where it is too small for a rank: a text or none."""
+    """Say what share of samples a scored entry answers, if too small for a rank; else None."""
     shares = [share for share in entry.coverage.values() if share is not None]
     if entry.source != "scored" or not shares or min(shares) >= ranking.min_coverage:
         return []

@@ -44,7 +44,7 @@ def _hardest_first(lines: Iterable[Hardness], metric: Metric) -> tuple[Hardness,
 
 
 def hardest_tasks(sheets: Sequence[ScoreSheet], taxonomy: Taxonomy, metric: Metric) -> Tasks:
-    """Return the tasks, hardest first; those that not all of these sheets tell are left out."""
+    """Return the tasks, hardest first, without those that some of these sheets lack."""
     found = []
     for task in taxonomy.tasks:
         rows = [row for sheet in sheets if (row := sheet.tasks.get(task.id)) is not None]
@@ -70,7 +70,7 @@ class Families(NamedTuple):
 
     @property
     def whose(self) -> str:
-        """Whose means they are, as far as all families have the same entries."""
+        """The entries that the means are of, if the same in all families."""
         counts = {line.n_entries for line in self.hardest}
         if counts == {1}:
             return "the only one ranked"

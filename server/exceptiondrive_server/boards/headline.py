@@ -115,9 +115,9 @@ def _findings(
         for metric, row in ((one, leader.metrics), (two, leader.metrics), (two, leader.micro))
     )
     numbers = words.headline.leads.format(first=first, second=second)
-    numbers += f" ({AVERAGE_TITLES[board.headline]})"
+    numbers += f", as the {AVERAGE_TITLES[board.headline]}"
     if of_all != second:  # the title counts samples
-        numbers += f"; of all samples it is {of_all}"
+        numbers += f"; over all samples, {two.label} is {of_all}"
     if len(ranked) == 1:
         lead = f"The only ranked {words.subject} so far is {leader.method}"
     else:
@@ -145,16 +145,16 @@ def _level_with(level: Sequence[BoardEntry]) -> str:
 
 
 def _could_too(place: int, n: int) -> str:
-    """Say how many might have the place of the leader as well, given how much the scenes vary.
+    """Say how many others could have the leader's rank, given how much the scenes vary.
 
-    It is the first, or comes behind those whose flags bar them from leading.
+    That rank is the first, or follows those whose flags bar them from leading.
     """
     could = "could be first" if place == 1 else "could lead"
     return f", though {counted(n, 'other', 'others')} {could}" if n else ""
 
 
 def what_else_tells(board: Board, could_be_first: Sequence[BoardEntry]) -> str:
-    """Say why fewer could be first than rank intervals reach the first place; empty where as many do."""
+    """Say why fewer entries could be first than have rank 1 in their rank interval; empty if as many."""
     kept = {entry_key(entry) for entry in could_be_first}
     reach = (entry for entry in board.entries if (entry.rank_interval or (0,))[0] == 1)
     left_out = [entry for entry in reach if entry_key(entry) not in kept]
@@ -219,7 +219,7 @@ def change_line(board: Board, before: BoardBefore | None) -> ChangeLine:
 
 
 def moves_on(board: Board, left: Sequence[EntryNews]) -> list[str]:
-    """Say who came in or left, and whose rank is another than on the board before."""
+    """Say which entries are new or gone, and whose rank changed since the previous board."""
     ranked = [entry for entry in board.entries if entry.rank is not None]
     new = [entry for entry in ranked if entry.previous_rank is None]
     up = [entry for entry in ranked if _steps_up(entry) > 0]
@@ -267,7 +267,7 @@ class OwnEntries:
 def own_entries(
     board: Board, submission_ids: frozenset[str], query: BoardQuery
 ) -> OwnEntries | None:
-    """Return what of a board belongs to a team; None where nothing does.
+    """Return the rows of a board that belong to a team; None if there are none.
 
     The board is as everybody reads it, under pseudonyms perhaps; the ids are all submissions of the
     team.

@@ -28,7 +28,7 @@ class LeadPoint(NamedTuple):
 
 
 class Mark(NamedTuple):
-    """From where on the values are those of another protocol, or of other samples."""
+    """The point from which values are of another protocol, or of other samples."""
 
     x: str
     words: str
@@ -66,7 +66,7 @@ class _Change(NamedTuple):
 def lead_chart(
     leads: Sequence[Lead], now: datetime, metric: Metric, digits: Digits, *, width: int = 640
 ) -> LeadChart | None:
-    """Draw who led since when; None where nobody ever did.
+    """Draw who led over time; None if nobody ever led.
 
     `leads` are every board that was shown, oldest first. The width is 640 for wide screens, 350 for
     phones.
@@ -119,7 +119,7 @@ def lead_chart(
         marks=_marks(marks, (left + right) / 2),
         x_title=_time_title(start, now),
         metric=metric,
-        description=f"{metric.label} of who led, in per cent over time. "
+        description=f"{metric.label} of the leader, in per cent over time. "
         + "; ".join(_title(change, metric, digits) for change in changes[-12:]),
     )
 
@@ -140,7 +140,7 @@ def _marks(marks: Sequence[tuple[str, float]], middle: float) -> tuple[Mark, ...
 
 
 def takers(leads: Sequence[Lead]) -> list[Lead]:
-    """Return the boards on which another one took the lead, newest first."""
+    """Return the boards with a new leader, newest first."""
     return [change.lead for change in _changes(leads) if change.is_new_leader][::-1]
 
 
@@ -168,7 +168,7 @@ def _changes(leads: Sequence[Lead]) -> list[_Change]:
 
 
 def _mark(before: _Change | None, lead: Lead) -> str:
-    """Say of what else the values are than before; of the first, under which protocol."""
+    """Say what changed in the values' protocol or samples; of the first, its protocol."""
     if before is None or before.lead.protocol != lead.protocol:
         return f"protocol {lead.protocol}"
     if before.lead.part != lead.part:

@@ -44,7 +44,7 @@ def get_reported_boards(services: ServicesOf, phase_id: PhaseId) -> list[Reporte
 def post_reported_board(
     services: ServicesOf, organizer: Organizer, phase_id: PhaseId, board: NewReportedBoard
 ) -> ReportedBoardView:
-    """Put the rows of another board beside a phase, or none of them; they rank nowhere."""
+    """Import the rows of an external board for a phase, all or none; they are never ranked."""
     with services.database.write() as session:
         row = import_board(
             session, phase_id, board.title, board.cite, board.file, actor=organizer.actor
@@ -60,7 +60,7 @@ def post_withdrawal(
     reported_id: ReportedId,
     action: Action,
 ) -> ReportedBoardView:
-    """Take the rows of another board away from a phase; they can be imported again."""
+    """Withdraw the rows of an external board from a phase; they can be imported again."""
     with services.database.write() as session:
         row = withdraw_reported_board(
             session, phase_id, reported_id, reason=action.reason, actor=organizer.actor

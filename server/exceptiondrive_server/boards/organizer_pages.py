@@ -53,19 +53,19 @@ def board_import(services: ServicesOf, phase_id: PhaseId) -> Step:
     return _step(
         phase,
         title=f"Import an external board beside {phase.title}",
-        meaning="Its rows stand on a page of their own, each with what differs from this phase; they "
-        "rank nowhere, and no board changes. All of the file is imported, or nothing. Taken is CSV, "
-        "such as the one of a board that this software exports.",
+        meaning="Its rows appear on a page of their own, each with what differs from this phase; they "
+        "are never ranked, and no board changes. Either the whole file is imported or nothing. It is a "
+        "CSV file, such as this software exports for a board.",
         button="Import the rows",
         fields=(
-            FormField("title", "Title", hint="what the other board is called", is_required=True,
+            FormField("title", "Title", hint="name of the other board", is_required=True,
                       max_length=MAX_TITLE),
             FormField("cite", "Source", hint="its address, or a citation", is_required=True,
                       max_length=MAX_CITE),
-            FormField("file", "File", "lines", "its whole text, pasted", is_required=True,
+            FormField("file", "File", "lines", "paste its whole text", is_required=True,
                       max_length=MAX_FILE),
         ),
-        facts=(("Columns", columns), ("Needed", "method, split, split_revision, protocol, one metric")),
+        facts=(("Columns", columns), ("Required", "method, split, split_revision, protocol, one metric")),
         command=f'exceptiondrive organizer phases import-reported {phase.id} FILE --title "…" --cite "…"',
         take=partial(import_board, phase_id=phase_id),
         done="reported_imported",
@@ -81,12 +81,12 @@ def board_withdrawal(services: ServicesOf, phase_id: PhaseId, reported_id: Repor
     return _step(
         phase,
         title=f"Withdraw {row.title}",
-        meaning="Its rows leave the page of reported rows. They can be imported again.",
+        meaning="Its rows are removed from the page of external boards. They can be imported again.",
         button="Withdraw the rows",
         fields=(REASON,),
         facts=(("Source", row.cite), ("Rows", str(len(row.rows.rows)))),
         command=f'exceptiondrive organizer phases withdraw-reported {phase.id} {row.id} --reason "…"',
-        blockers=() if row.withdrawn_at is None else ("These rows are withdrawn already.",),
+        blockers=() if row.withdrawn_at is None else ("These rows are already withdrawn.",),
         take=partial(withdraw_reported_board, phase_id=phase_id, reported_id=reported_id),
         done="reported_withdrawn",
     )

@@ -49,7 +49,7 @@ T = TypeVar("T")
 
 
 class Same(Generic[T]):
-    """A value that equals itself alone: a document that is read once needs no other key."""
+    """Wraps a value with equality by identity: a cached document needs no other key."""
 
     def __init__(self, value: T) -> None:
         self.value = value
@@ -84,7 +84,7 @@ many as parsed boards are kept."""
 
 
 def of_board(board: Board, what: Hashable, make: Callable[[], T]) -> T:
-    """Return what follows from a board that is read, made once while there is room."""
+    """Return what is derived from a board, cached while there is room."""
     same = Same(board)
     made = _MADE.get(same)
     if made is None:
@@ -103,7 +103,7 @@ def _make_shown(
     is_current: bool,
     before: BoardBefore | None,
 ) -> ShownBoard:
-    """It takes all that it follows from, under which `BoardPage.shown` keeps it."""
+    """Takes everything that the result depends on, which is its key in the cache of `BoardPage.shown`."""
     table = board_table(board, protocol, query, is_current, facts)
     digits, average = table.builder.digits, table.builder.average
     set_row, pair = macro("boards/table.html", "board_row"), default_pair(board)
@@ -186,7 +186,7 @@ class PhaseLink:
     closes_at: datetime | None
     quota_per_day: int
     rejected_per_day: int
-    """How many wrong files a day are taken of a team."""
+    """How many faulty files a day are accepted from a team."""
     split: str
     split_is_public: bool
     has_data: bool
@@ -201,7 +201,7 @@ class PhaseLink:
 
     @property
     def state_words(self) -> str:
-        """Say whether it takes submissions, and until or from when."""
+        """Say whether the phase takes submissions, and until or from when."""
         if self.visibility != "shown":
             return self.visibility.capitalize()
         if self.is_ahead and self.opens_at:
@@ -318,7 +318,7 @@ class BoardPage:
 
     @property
     def withheld(self) -> str:
-        """What of the split nobody outside knows; nothing where the split is public."""
+        """What is withheld of the split; empty if the split is public."""
         is_hidden = self.phase is not None and not self.phase.split_is_public
         return self.challenge.words.withheld if is_hidden else ""
 
@@ -368,7 +368,7 @@ class BoardPage:
 
     @property
     def kept_fields(self) -> list[tuple[str, str]]:
-        """What the filter form carries on unseen."""
+        """Hidden fields of the filter form."""
         kept = ("challenge", "phase", "view", "source", "fact", "more")
         return [(key, value) for key, value in self.query.pairs() if key in kept]
 
@@ -379,7 +379,7 @@ class BoardPage:
 
     @property
     def canonical(self) -> str | None:
-        """The query under which search engines keep the page: the live board, whatever is asked for."""
+        """The canonical query for search engines: always the live board."""
         return urlencode(board_fields(self.board, is_current=True)) if self.board else None
 
     @property
@@ -419,7 +419,7 @@ class BoardPage:
 
     @property
     def shows_new(self) -> str:
-        """Where what is scored now stands, and when."""
+        """Where and when new scores are shown."""
         takes_late = self.phase is not None and self.phase.takes_late
         where = f"on the {'late view' if takes_late else 'board'}"
         after = []

@@ -33,7 +33,7 @@ ELLIPSIS = "…"
 
 
 def width_of(text: str, size: float) -> float:
-    """Estimate the width of `text`, rather too wide; characters beyond Latin count one em."""
+    """Estimate the width of `text`, erring on the wide side; non-Latin characters count one em."""
     return size * sum(_character_width(character) for character in text)
 
 
@@ -162,7 +162,7 @@ def show_board_picture(request: Request, services: ServicesOf, query: BoardQuery
 
 
 def painted_picture(request: Request, svg: str) -> Response:
-    """Answer with the picture; one that the reader has is not painted again."""
+    """Respond with the picture; for a client that has it, it is not painted again."""
     headers = {**SECURITY_HEADERS, "Cache-Control": "public, max-age=300"}
     tag = hashlib.sha256(svg.encode()).hexdigest()
     return conditional(request, lambda: paint_png(svg), "image/png", etag=tag, headers=headers)

@@ -65,7 +65,7 @@ _NEWEST_BOARDS = 10
 
 
 class _Said(NamedTuple):
-    """What a feed says of a board in place of its entries: what is new, who leads, under which protocol."""
+    """What a feed says about a board: what is new, who leads, under which protocol."""
 
     news: str
     findings: str
@@ -115,7 +115,7 @@ def read_board(session: Session, query: BoardQuery, *, with_hidden: bool = False
 
 
 def facts_on(session: Session, board: Board) -> FactsOfBoard:
-    """Return what the teams on a board tell of their methods now, by submission; old boards too.
+    """Return the present facts of the methods on a board, by submission; old boards too.
 
     The same object until a team edits something in the phase.
     """
@@ -126,7 +126,7 @@ def facts_on(session: Session, board: Board) -> FactsOfBoard:
 
 
 def without_reported(board: Board) -> Board:
-    """Return a board without what papers report, which is of other samples; made once per board."""
+    """Return a board without reported rows, which are of other samples; cached by board."""
     return of_board(board, "without reported", lambda: _without_reported(board))
 
 
@@ -324,7 +324,7 @@ def asked_entries(
 
 
 def _board_before(session: Session, row: BoardRow) -> BoardBefore | None:
-    """The board that was shown until this one was first shown; None for the first."""
+    """The board that was shown before this one was first shown; None for the first."""
     before = (
         select(func.max(BoardFlip.id))
         .where(BoardFlip.phase_id == row.phase_id, BoardFlip.id < _first_flip(row))
@@ -419,7 +419,7 @@ def _shown_since(session: Session, phase: Phase) -> datetime:
 
 
 def _phase_items(phase: Phase, shown_since: datetime, now: datetime) -> Iterator[FeedItem]:
-    """What happened to a phase, newest first: a reader of its feed hears of each when it comes."""
+    """Events of a phase, newest first, dated so that feed readers notice each when it happens."""
 
     def item(what: str, at: datetime, words: str) -> FeedItem:
         return FeedItem(at, words, f"/phases/{phase.id}", f"#{what}-{iso(at)}")

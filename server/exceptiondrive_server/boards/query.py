@@ -208,7 +208,7 @@ _KEYS = frozenset(
 
 
 def require_known(request: Request, *further: str) -> None:
-    """Lead to the address without what a page does not ask for, where there is such.
+    """Redirect to the URL without unknown parameters, if there are any.
 
     Each would be a page of its own to be kept. `further` is what the page reads besides a board.
     """
@@ -272,7 +272,7 @@ def _parameter(name: str, schema: dict[str, Any]) -> dict[str, Any]:
 
 
 def _refusal_of(error: ValidationError) -> InvalidRecord:
-    """Name what is wrong and say why; never repeat what was sent."""
+    """Say what is wrong and why, without echoing what was sent."""
     fields: dict[str, str] = {}
     for found in error.errors():
         words = str(found["msg"]).removeprefix("Value error, ")
@@ -287,7 +287,7 @@ def _refusal_of(error: ValidationError) -> InvalidRecord:
 
 
 def sort_words(asked: str, metrics: Iterable[str]) -> str:
-    """Say what a board can be sorted by, and what was probably meant."""
+    """Say what a board can be sorted by, and suggest the nearest match."""
     names = (BY_RANK, "method", "date", *metrics)
     near = get_close_matches(asked[:64].lower().removeprefix("-"), names, n=1)
     meant = f"did you mean {near[0]}? " if near else ""

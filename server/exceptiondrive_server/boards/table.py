@@ -506,7 +506,7 @@ class BoardTable:
     def best_sentence(self) -> str:
         """Say what a highlighted number is, where there is one."""
         is_shown = any(cell.is_best for row in self.rows for cell in row.cells)
-        return "Highlighted: the best in its column that may lead." if is_shown else ""
+        return "Highlighted: the best value in its column that may lead." if is_shown else ""
 
     @property
     def is_headline(self) -> bool:

@@ -16,9 +16,9 @@ router = APIRouter(prefix="/entries", tags=["boards"])
     "/{submission_id}", operation_id="showEntry", responses=problem_responses(ProblemCode.NOT_FOUND)
 )
 def get_entry(services: ServicesOf, submission_id: SubmissionId, query: NamedBoard) -> EntryView:
-    """Show an entry of a current board or late view; with `board`, as it stood on that one.
+    """Get an entry of a current board or late view; with `board`, as it was on that one.
 
-    What does not stand there is not found.
+    An entry that is not on the board answers 404.
     """
     with services.database.read() as session:
         return published_entry(session, submission_id, query)

@@ -38,7 +38,7 @@ LEVEL_WORDS: dict[Level, str] = {"clear": "clear", "close": "too close", "hit": 
 
 @dataclass(frozen=True)
 class Stretch:
-    """A part of a clearance line between two crossings, and what it stands for."""
+    """A part of a clearance line between two crossings, and its level."""
 
     level: Level
     points: str

@@ -59,7 +59,7 @@ def show_scenes(request: Request) -> Response:
 
 @router.get("/scenes.svg")
 def show_still_scenes(request: Request, services: ServicesOf) -> Response:
-    """Give the same as one picture that stands still."""
+    """Show the same as one still picture."""
     with services.database.read() as session:
         scenes = _scenes(session, request)
     body = render("entries/scenes.svg", page=scenes).encode()

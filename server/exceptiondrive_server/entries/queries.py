@@ -128,7 +128,7 @@ def _borrows_scenes(session: Session, phase: Phase) -> bool:
 
 
 def _shown_submission(session: Session, key: str) -> Submission | None:
-    """Return a submission, unless its phase is hidden: nobody may tell that from none."""
+    """Return a submission, unless its phase is hidden, which must look like a missing one."""
     submission = session.get(Submission, key)
     if submission is None:
         return None

@@ -102,7 +102,7 @@ def _sensitivity_table(sheet: ScoreSheet, protocol: ProtocolDocument, digits: Di
             )
             for factor, row in sorted(by_factor.items())
         ),
-        "The same trajectories, had every task asked for less or more clearance. "
+        "The same trajectories, if every task required less or more clearance. "
         "Only the unchanged row ranks.",
     )
 

@@ -25,7 +25,7 @@ def _responses(media_type: str) -> dict[int | str, dict[str, Any]]:
 
 @router.get("/schemas", operation_id="listSchemas", responses=problem_responses())
 def get_schemas() -> list[str]:
-    """Name the documents that have a schema and an example."""
+    """List the documents that have a schema and an example."""
     return list(DOCUMENT_NAMES)
 
 
@@ -36,7 +36,7 @@ def get_schemas() -> list[str]:
     responses=_responses(SCHEMA_MEDIA_TYPE),
 )
 def get_schema(name: DocumentName) -> Response:
-    """Give the JSON Schema of a document."""
+    """Get the JSON Schema of a document."""
     return Response(schema_text(_require_document(name)), media_type=SCHEMA_MEDIA_TYPE)
 
 
@@ -47,7 +47,7 @@ def get_schema(name: DocumentName) -> Response:
     responses=_responses("application/json"),
 )
 def get_example(name: DocumentName) -> Response:
-    """Give a small valid example of a document."""
+    """Get a small valid example of a document."""
     return Response(example_text(_require_document(name)), media_type="application/json")
 
 

@@ -94,7 +94,7 @@ class Child:
         return self._process is not None and self._process.poll() is None
 
     def check(self) -> str | None:
-        """Start a dead process again when its pause is over; return news to tell, if any."""
+        """Restart a dead process when its pause is over; return a message to print, if any."""
         if self.is_alive:
             return None
         if self._process is not None:

@@ -122,7 +122,7 @@ class Launcher:
             raise LaunchError(f"the records could not be brought up to date: {error}") from None
 
     def _phase_to_try(self, shared: Mapping[str, str]) -> str | None:
-        """Return a phase that takes files, for the first steps that are told; None: there is none."""
+        """Return a phase that takes files, for the printed first steps; None if there is none."""
         if self.with_sample:
             return PHASES[PLANNING.id].id
         with _records(shared) as database, database.read() as session:

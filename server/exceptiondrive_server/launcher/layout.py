@@ -154,7 +154,7 @@ def find_command(name: str) -> str:
 
 
 def shared_environment(layout: Layout, address: Address, broker_url: str) -> dict[str, str]:
-    """Return what every process is told."""
+    """Return the environment of every process."""
     given = os.environ
     return {
         **given,
@@ -166,7 +166,7 @@ def shared_environment(layout: Layout, address: Address, broker_url: str) -> dic
 
 
 def worker_environment(layout: Layout, shared: Mapping[str, str]) -> dict[str, str]:
-    """Return what the worker alone is told besides: where its private store is."""
+    """Return the additional environment of the worker: where its private store is."""
     return {_PRIVATE_DIR: str(layout.private), **shared}
 
 

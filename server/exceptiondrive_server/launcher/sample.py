@@ -131,7 +131,7 @@ def _fill(database: Database, layout: Layout, server_url: str, say: Say) -> None
 
 
 def tell_page(database: Database, doing: str) -> None:
-    """Say on the page what is being made, until the first board stands; nothing ends it."""
+    """Show on the page what is being prepared, until the first board is there; an empty text ends it."""
     with database.write() as session:
         say_preparing(session, f"The sample is being made: {doing}." if doing else "")
 

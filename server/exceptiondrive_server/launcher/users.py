@@ -24,12 +24,12 @@ for name in ("fastapi", "exceptiondrive_records", "exceptiondrive_server.app"):
 os.listdir(sys.argv[1])
 """
 _ONE_USER = (
-    "server and worker run as one user: who takes over the web process can read withheld regions. {why} "
+    "server and worker run as one user: whoever takes over the web process can read withheld regions. {why} "
     "For withheld splits, use compose.yaml."
 )
 _OWN_USER = (
     f"the server runs as user {SERVER_USER}, who cannot open split files. It writes all records, and workers "
-    "believe them, also that a split is public: for withheld splits, use compose.yaml."
+    "believe them, even that a split is public: for withheld splits, use compose.yaml."
 )
 
 

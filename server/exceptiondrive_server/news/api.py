@@ -54,7 +54,7 @@ def get_questions(services: ServicesOf, reader: Reader, phase_id: PhaseId) -> li
 def post_question(
     services: ServicesOf, submitter: Submitter, phase_id: PhaseId, question: NewQuestion
 ) -> QuestionView:
-    """Ask the organizers about a phase; the answer comes into the team's notices."""
+    """Ask the organizers about a phase; the answer arrives in the team's inbox."""
     with services.database.write() as session:
         require_unrevoked(session, submitter)
         asked = ask_question(

@@ -51,9 +51,9 @@ def get_all_news(services: ServicesOf, phase: OfPhase = None) -> list[NewsView]:
 
 @router.post("/phases/{phase_id}/news", operation_id="publishNews", status_code=201)
 def post_news(services: ServicesOf, organizer: Organizer, phase_id: Id, news: NewNews) -> NewsView:
-    """Announce something of a phase: on its page, in its feed, in the inbox of every team.
+    """Publish news of a phase: on its page, in its feed, and in the inbox of every team.
 
-    By an organizer whose role is confined to phases, in the inboxes of those that submitted to it.
+    From an organizer whose role is confined to phases, it reaches only the inboxes of teams that submitted to the phase.
     """
     with services.database.write() as session:
         row = publish_news(
@@ -72,7 +72,7 @@ def post_news(services: ServicesOf, organizer: Organizer, phase_id: Id, news: Ne
 def post_withdrawal(
     services: ServicesOf, organizer: Organizer, news_id: Id, action: Action
 ) -> NewsView:
-    """Take news from page and feed; what teams were told stays told."""
+    """Remove news from page and feed; notices in teams' inboxes stay."""
     with services.database.write() as session:
         actor = organizer.actor
         return news_view(withdraw_news(session, news_id, reason=action.reason, actor=actor))
@@ -80,7 +80,7 @@ def post_withdrawal(
 
 @router.get("/questions", operation_id="listAllQuestions")
 def get_all_questions(services: ServicesOf, phase: OfPhase = None) -> list[AskedQuestion]:
-    """List the questions of all teams, about one phase or all: those that wait first."""
+    """List the questions of all teams, about one phase or all; unanswered ones first."""
     with services.database.read() as session:
         return [asked_question(row, team) for row, team in list_questions(session, phase)]
 
@@ -89,9 +89,9 @@ def get_all_questions(services: ServicesOf, phase: OfPhase = None) -> list[Asked
 def post_answer(
     services: ServicesOf, organizer: Organizer, question_id: Id, answer: Answer
 ) -> QuestionView:
-    """Answer a question, once: to the team alone, or to all.
+    """Answer a question, once: to the team only, or to all teams.
 
-    By an organizer whose role is confined to phases, to those that submitted to it.
+    From an organizer whose role is confined to phases, `to_all` reaches the teams that submitted to the phase.
     """
     with services.database.write() as session:
         answered = answer_question(

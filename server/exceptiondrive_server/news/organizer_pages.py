@@ -76,7 +76,7 @@ def publication(browser: OrganizerBrowser, phase_id: Id) -> Step:
     return Step(
         section="phases",
         title="Publish news",
-        meaning=f"They stand on the page of the phase and in its feed, and {told}.",
+        meaning=f"It appears on the page of the phase and in its feed, and {told}.",
         button="Publish the news",
         back=f"/organize/phases/{phase_id}",
         back_words="The phase",
@@ -103,7 +103,7 @@ def withdrawal(browser: OrganizerBrowser, news_id: Id) -> Step:
         browser,
         found.phase_id,
         title="Withdraw news",
-        meaning="They leave page and feed. What teams were told stays told.",
+        meaning="It is removed from page and feed. Notices that teams already have stay.",
         button="Withdraw the news",
         fields=(REASON,),
         facts=(("Title", found.title), ("Text", found.text)),
@@ -126,8 +126,8 @@ def answer(browser: OrganizerBrowser, question_id: Id) -> Step:
         browser,
         row.phase_id,
         title="Answer a question",
-        meaning="The team finds the answer in its notices. Told to all, question and answer become "
-        f"news of the phase, without the team's name{told}.",
+        meaning="The team finds the answer in its notices. If you tell everybody, question and answer "
+        f"also become news of the phase, without the team's name{told}.",
         button="Answer",
         fields=(
             FormField("text", "Answer", "lines", "Markdown", is_required=True, max_length=MAX_TEXT),
@@ -135,7 +135,7 @@ def answer(browser: OrganizerBrowser, question_id: Id) -> Step:
         ),
         facts=(("Team", team), ("Phase", row.phase_id), ("Question", row.text)),
         command=f'exceptiondrive organizer questions answer {question_id} --text "…" [--to-all]',
-        blockers=() if row.answered_at is None else ("The question is answered already.",),
+        blockers=() if row.answered_at is None else ("The question is already answered.",),
         take=lambda session, text, **given: answer_question(
             session, question_id, text, plain=plain_text(text), to_its_teams=not of_site, **given
         ),

@@ -90,7 +90,7 @@ def get_notifications(
         str | None, Query(max_length=64, description="id of the last message of a page")
     ] = None,
 ) -> list[NotificationView]:
-    """Read the inbox of the team, newest first; of a protocol update with old and new numbers."""
+    """Read the team's inbox, newest first; messages about protocol updates hold old and new numbers."""
     with services.database.read() as session:
         return list_notifications(
             session, team_of(reader), only_unread=unread, after=after, limit=limit
@@ -108,7 +108,7 @@ def post_read(
 
 @router.get("/contacts", operation_id="listContacts")
 def get_contacts(services: ServicesOf, reader: Reader) -> list[ContactView]:
-    """List where the team is told besides its inbox."""
+    """List the team's addresses for notifications, besides its inbox."""
     with services.database.read() as session:
         contacts = list_contacts(session, team_of(reader))
         return [_with_last_message(session, contact) for contact in contacts]
@@ -123,16 +123,16 @@ def get_contacts(services: ServicesOf, reader: Reader) -> list[ContactView]:
 def post_contact(
     response: Response, services: ServicesOf, submitter: Submitter, _: Reader, wanted: NewContact
 ) -> ContactView:
-    """Be told at a webhook or e-mail address; a webhook's secret is shown this once.
+    """Add a webhook or e-mail address for notifications; a webhook's secret is shown only in this response.
 
-    It needs both scopes, `submit` and `read:own`, since scores and ranks are told there. An e-mail address gets one
-    message that asks for a yes, and nothing more until it is given.
+    It needs both scopes, `submit` and `read:own`, since notifications contain scores and ranks. An e-mail address
+    gets one message that asks for confirmation, and nothing more until it is confirmed.
 
-    A webhook is sent a NotificationView as JSON by POST, with the headers `ExceptionDrive-Timestamp`, the
+    A webhook receives a NotificationView as JSON by POST, with the headers `ExceptionDrive-Timestamp`, the
     Unix time in seconds, and `ExceptionDrive-Signature`: `sha256=` and the hex HMAC-SHA256 of timestamp, full
-    stop and body under the secret, whole with its `edw_`. Refuse what is older than some minutes, and what is
-    signed otherwise; know a message by its `id`, since it may come twice. Any status from 200 to 299 takes it;
-    redirects are not followed, and what fails is tried again for about an hour.
+    stop and body, keyed with the whole secret, including its `edw_`. Refuse messages that are older than some
+    minutes or whose signature differs; deduplicate by `id`, since a message may come twice. Any status from 200
+    to 299 acknowledges it; redirects are not followed, and failed deliveries are retried for about an hour.
     """
     with services.database.write() as session:
         contact = add_contact(
@@ -166,7 +166,7 @@ def patch_contact(
 def post_remove(
     services: ServicesOf, submitter: Submitter, contact_id: Annotated[str, Path(max_length=64)]
 ) -> ContactView:
-    """Be told no longer at an address, which is forgotten but for this answer."""
+    """Remove an address; apart from this response, it is forgotten."""
     with services.database.write() as session:
         removed = _view(find_contact(session, team_of(submitter), contact_id))
         remove_contact(session, team_of(submitter), contact_id, actor=submitter.actor)
@@ -227,4 +227,4 @@ def _header(name: str, schema: dict[str, str], words: str) -> dict[str, object]:
     },
 )
 def notification() -> None:
-    """Be told: sent to each webhook of the team, as `addContact` describes."""
+    """A notification, sent to each webhook of the team as `addContact` describes."""

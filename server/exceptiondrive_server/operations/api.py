@@ -13,13 +13,13 @@ router = APIRouter(tags=["site"])
 
 @router.get("/status", operation_id="showStatus", responses=problem_responses())
 def get_status(services: ServicesOf) -> ServiceStatus:
-    """Tell whether submissions are scored now, what waits, and how the last days went."""
+    """Show whether submissions are being scored, how many wait, and how the last days went."""
     with services.database.read() as session:
         return service_status(session)
 
 
 @router.get("/site", operation_id="showSiteLinks", responses=problem_responses())
 def get_site(services: ServicesOf) -> SiteLinks:
-    """Give the links to paper, code, citation and contact, as organizers set them."""
+    """Get the links to paper, code, citation and contact, as organizers set them."""
     with services.database.read() as session:
         return site_links(session)

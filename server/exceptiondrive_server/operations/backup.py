@@ -106,7 +106,7 @@ def restore_backup(path: Path, database_url: str, files: FileStore) -> BackupHea
     """Restore into empty records, then check every invariant; all of it is kept, or no row.
 
     Raises:
-        BackupError: Not a whole backup, of another schema, or the records are not empty.
+        BackupError: Not a complete backup, of another schema, or the records are not empty.
     """
     try:
         with tarfile.open(path, mode="r:") as archive:
@@ -123,12 +123,12 @@ def restore_backup(path: Path, database_url: str, files: FileStore) -> BackupHea
                 database.dispose()
     except StoreError as error:
         raise BackupError(
-            f"{error} No row was restored. This user needs room, and the right to write, where "
-            "EXCEPTIONDRIVE_FILE_STORE_URL says: in a new folder, as those of a former one are another's."
+            f"{error} No row was restored. This user needs space, and permission to write, where "
+            "EXCEPTIONDRIVE_FILE_STORE_URL says: name a new folder, since an old one belongs to another user."
         ) from None
     except (tarfile.TarError, KeyError, EOFError, zlib.error, gzip.BadGzipFile) as error:
         # KeyError: a table is missing
-        raise BackupError(f"{path} is not a whole backup: {error}") from None
+        raise BackupError(f"{path} is not a complete backup: {error}") from None
     except OSError as error:
         raise BackupError(f"{path} cannot be restored: {error.strerror or error}") from None
     return head
@@ -147,8 +147,8 @@ def _head(session: Session, n_files: int, without: list[str]) -> BackupHead:
     verdict = verify_audit(session)
     if not verdict.is_whole:
         raise BackupError(
-            f"the audit chain breaks at line {verdict.broken_at}: nothing to trust in these "
-            "records; restore an earlier backup (docs/operating.md)"
+            f"the audit chain breaks at line {verdict.broken_at}: these records "
+            "cannot be trusted; restore an earlier backup (docs/operating.md)"
         )
     return BackupHead(
         format="exceptiondrive.backup/2",
@@ -172,7 +172,7 @@ def _read_head(archive: tarfile.TarFile) -> BackupHead:
         head = BackupHead.model_validate(document)
     except (ValueError, RecursionError):
         raise BackupError(
-            "the head of the backup cannot be read; one of an earlier version is restored by that version"
+            "the head of the backup cannot be read; restore a backup of an earlier version with that version"
         ) from None
     if head.schema_revision != newest_revision():
         raise BackupError(
@@ -225,11 +225,11 @@ def _restore_rows(archive: tarfile.TarFile, session: Session, head: BackupHead) 
     session.flush()
     verdict = verify_audit(session)
     if (verdict.n_lines, verdict.head) != (head.audit_lines, head.audit_head):
-        raise BackupError("the restored audit chain has another head than the backup says")
+        raise BackupError("the restored audit chain does not have the head that the backup names")
     broken = violations(session)
     if broken:
         lines = "\n".join(str(violation) for violation in broken[:20])
-        raise BackupError(f"the backup holds what must never be:\n{lines}")
+        raise BackupError(f"the backup breaks invariants:\n{lines}")
 
 
 def _member(table: Table) -> str:
@@ -255,7 +255,7 @@ def _add_lines(archive: tarfile.TarFile, name: str, lines: Iterator[str], folder
 
 @contextmanager
 def _atomic_file(path: Path) -> Iterator[IO[bytes]]:
-    """Give a file that takes its name, synced, when all went well, and is gone otherwise."""
+    """Open a file that is synced and renamed into place on success, and removed otherwise."""
     descriptor, name = tempfile.mkstemp(prefix=f".{path.name}-", dir=path.parent)
     try:
         with os.fdopen(descriptor, "wb") as stream:

@@ -40,8 +40,8 @@ GrantToOption = Annotated[
         "--grant-to",
         exists=True,
         dir_okay=False,
-        help="File with the address with which a service connects: its role is made if need be, "
-        "and has its rights afterwards. May be given several times.",
+        help="File with the address that a service connects with: its role is created if need be, "
+        "and given its rights. May be repeated.",
     ),
 ]
 PortOption = Annotated[int, typer.Option("--port", min=1, max=65535, help="Port to listen on.")]

@@ -141,13 +141,13 @@ def _check_database(settings: RecordsSettings, data: Path | None) -> Iterator[Fi
             )
             return
         if lacks := missing_schema(database):
-            yield _error(lacks, f"{MADE_EARLIER_CURE}; waiting mends nothing")
+            yield _error(lacks, f"{MADE_EARLIER_CURE}; waiting does not help")
             return
         schema = "current" if is_current(database) else "newer than this version, which is fine"
         yield _ok(f"the records answer ({url.get_backend_name()}), schema {schema}")
         if not database.takes_writes():
             yield _error(
-                "the records can be read and not written: uploads are refused",
+                "the records can be read but not written: uploads are refused",
                 "name the primary database, not a standby; or give the file and its folder to the "
                 "server's user, with the right to write",
             )
@@ -170,7 +170,7 @@ def _words_of(error: SQLAlchemyError) -> str:
     if isinstance(error, DBAPIError):
         with suppress(DBAPIError):
             return sentence_of(error)
-    return f"the database does not do what it is asked ({type(error).__name__})"
+    return f"the database reports an error ({type(error).__name__})"
 
 
 def _check_clock(database: Database) -> Iterator[Finding]:
@@ -271,7 +271,7 @@ def _check_broker(url: str) -> Iterator[Finding]:
         limit = _of_config(client, "maxmemory")
     except redis.AuthenticationError:
         yield _warning(
-            "the broker asks for another password than EXCEPTIONDRIVE_BROKER_URL gives: scoring waits, "
+            "the broker expects another password than EXCEPTIONDRIVE_BROKER_URL gives: scoring waits, "
             "nothing is lost",
             "write the broker's password there; see `rotate keys` in docs/operating.md",
         )
@@ -287,13 +287,13 @@ def _check_broker(url: str) -> Iterator[Finding]:
         client.close()
     if policy not in (None, "noeviction"):
         yield _warning(
-            f"the broker's maxmemory-policy is {policy}: it may throw messages away",
+            f"the broker's maxmemory-policy is {policy}: it may discard messages",
             "set maxmemory-policy noeviction; until then scoring is only slower",
         )
     elif limit == "0":
         yield _warning("the broker may take all memory", "set maxmemory 256mb")
     elif policy is None or limit is None:
-        yield _ok("the broker answers; whether it evicts anything it does not tell")
+        yield _ok("the broker answers, but does not say whether it evicts anything")
     else:
         yield _ok("the broker answers and evicts nothing")
 
@@ -310,7 +310,7 @@ def _client(url: str) -> redis.Redis:
 
 
 def _of_config(client: redis.Redis, name: str) -> str | None:
-    """Return a value of the broker's configuration; None where it refuses to tell."""
+    """Return a value of the broker's configuration; None if the broker refuses."""
     try:
         found = client.config_get(name)
     except redis.exceptions.ResponseError:
@@ -338,7 +338,7 @@ def _check_store(url: str) -> Iterator[Finding]:
     except (StoreError, OSError) as error:
         yield _error(
             f"the file store does not answer ({type(error.__cause__ or error).__name__})",
-            "check EXCEPTIONDRIVE_FILE_STORE_URL, that its bucket is there, its credentials, and the clock",
+            "check EXCEPTIONDRIVE_FILE_STORE_URL, its bucket and credentials, and the clock",
         )
         return
     if not url.startswith("file:"):
@@ -361,7 +361,7 @@ def _check_store(url: str) -> Iterator[Finding]:
             "make room, see `disk full` in docs/operating.md",
         )
     if stat.S_IMODE(folder.stat().st_mode) & stat.S_IRWXO:
-        yield _error(f"every user may look into {folder}", f"run: chmod o-rwx {folder}")
+        yield _error(f"every user may enter {folder}", f"run: chmod o-rwx {folder}")
     else:
         yield _ok("the file store answers and is closed to others")
 
@@ -374,18 +374,18 @@ def _check_mount(database: Database, url: str) -> Iterator[Finding]:
         is_away = seems_unmounted(session, FileStore(url))
     if is_away:
         yield _error(
-            f"{folder} is empty, and the records mention uploads: new ones are refused",
+            f"{folder} is empty, but the records mention uploads: new ones are refused",
             "mount what belongs there, or restore the uploads from a backup",
         )
 
 
 def _receipt_key(path: Path) -> Iterator[Finding]:
-    """One that is not there is made when a receipt is asked for first, where that can be."""
+    """Check the receipt key; a missing one is created with the first receipt, if its folder allows."""
     if not os.path.exists(path):  # False where its folder is closed
         folder = next(parent for parent in path.absolute().parents if os.path.isdir(parent))
         if not os.access(folder, os.W_OK | os.X_OK):
             yield _error(
-                f"receipts cannot be signed: there is no key {path}, and this user can make none there",
+                f"receipts cannot be signed: there is no key {path}, and this user cannot create one there",
                 "put the key back; see `rotate keys` in docs/operating.md",
             )
         return

@@ -11,7 +11,7 @@ router = APIRouter()
 
 @router.patch("/site", operation_id="changeSiteLinks")
 def patch_site(services: ServicesOf, organizer: Organizer, change: SiteLinks) -> SiteLinks:
-    """Set links of header and footer; what is left out stays, an empty one is not shown."""
+    """Set links of header and footer; omitted ones stay, empty ones are not shown."""
     with services.database.write() as session:
         links = set_site_links(session, change, actor=organizer.actor)
     services.site_state.forget()

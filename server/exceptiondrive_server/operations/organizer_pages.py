@@ -91,7 +91,7 @@ def site(services: ServicesOf) -> Step:
     return Step(
         section="site",
         title="The site",
-        meaning="Links in header and footer of every page. What is empty is not shown.",
+        meaning="Links in the header and footer of every page. Empty ones are not shown.",
         button="Save the links",
         back="/organize",
         back_words="Overview",
@@ -106,14 +106,14 @@ def site(services: ServicesOf) -> Step:
 
 def _first_steps(session: Session) -> Iterator[Task]:
     """Yield what a site without a team still needs."""
-    words = "No team is here yet, so nobody can submit."
-    yield words, "/organize/teams", "Make a team", "warn"
+    words = "There is no team yet, so nobody can submit."
+    yield words, "/organize/teams", "Create a team", "warn"
     for phase in list_phases(session):
         texts = (("description", phase.description), ("rules", phase.page.rules))
         missing = [name for name, text in texts if not text]
         missing += ["deadline"] if phase.closes_at is None else []
         if missing and phase.visibility == "shown":
-            words = f"Phase {phase.title} is public, and has no {', no '.join(missing)}."
+            words = f"Phase {phase.title} is public but has no {', no '.join(missing)}."
             yield words, f"/organize/phases/{quote(phase.id)}", "Describe it", "warn"
 
 
@@ -122,27 +122,27 @@ def _tasks(
 ) -> Iterator[Task]:
     """Yield what to do: what nobody waits for comes last."""
     if free_bytes is not None and free_bytes < LOW_ON_ROOM_BYTES:
-        words = f"The disk of the uploads is nearly full: {free_bytes >> 20} MiB are free."
-        yield words, "#queue", "Make room; uploads stay", "bad"
+        words = f"The disk with the uploads is nearly full: {free_bytes >> 20} MiB are free."
+        yield words, "#queue", "Free space, but keep uploads", "bad"
     yield from (_trouble_task(one) for one in found.troubles if one.code not in LASTING)
     if found.n_failed:
-        words = f"{counted(found.n_failed, 'submission')} failed by our own fault."
-        yield words, "/organize/submissions?status=failed", "Look and retry", "bad"
+        words = f"{counted(found.n_failed, 'submission')} failed through our own fault."
+        yield words, "/organize/submissions?status=failed", "View and retry", "bad"
     for held in found.floors_held:
         asked, phase = "; ".join(held.detail["asked"]), held.detail["phase"]
         phase = titles.get(phase, phase)
-        words = f"The floors of split {held.subject} refused what phase {phase} asks: {asked}."
+        words = f"The floors of split {held.subject} refused what phase {phase} asks for: {asked}."
         yield words, f"/organize/audit?subject={quote(held.subject)}", "See the audit log", "bad"
     for phase in dict.fromkeys(line.subject for line in found.probing):
-        words = f"Phase {titles.get(phase, phase)} has submissions that change a few samples at a time: probing?"
-        yield words, f"/organize/similar/{phase}", "See which", "warn"
+        words = f"Phase {titles.get(phase, phase)} has submissions that change a few samples at a time, which may be probing."
+        yield words, f"/organize/similar/{phase}", "See them", "warn"
     if found.pending:
         verb = "waits" if len(found.pending) == 1 else "wait"
         words = f"{counted(len(found.pending), 'team')} {verb} for your approval."
-        yield words, "/organize/teams?show=pending", "Look at them", "warn"
+        yield words, "/organize/teams?show=pending", "Review them", "warn"
     if found.n_questions:
         verb = "waits" if found.n_questions == 1 else "wait"
-        words = f"{counted(found.n_questions, 'question')} of teams {verb} for an answer."
+        words = f"{counted(found.n_questions, 'question')} from teams {verb} for an answer."
         yield words, "/organize/news", "Answer", "warn"
     for queue in found.queue:
         if queue.lane is Lane.LIVE and (queue.oldest_s or 0) > SLOW_S:

@@ -56,7 +56,7 @@ def create_organizer(
     phase: PhasesOption = None,
     data: DataOption = None,
 ) -> None:
-    """Issue a token of an organizer, by default one that may do everything; print it, once."""
+    """Issue a token for an organizer, by default one that may do everything, and print it once."""
     with opened(load_settings(RecordsSettings, data)) as database, database.write() as session:
         expires_at = None if days is None else database_now(session) + timedelta(days=days)
         text, _ = tokens.issue_token(
@@ -68,13 +68,13 @@ def create_organizer(
             phases=phase or (),
             actor=ACTOR,
         )
-    say("the token, shown this once (put it into EXCEPTIONDRIVE_TOKEN):")
+    say("the token, shown only once (put it into EXCEPTIONDRIVE_TOKEN):")
     typer.echo(text)
 
 
 @records_app.command("list-tokens")
 def list_tokens(data: DataOption = None) -> None:
-    """List all tokens, those of organizers too: id, name, scopes and phases, state."""
+    """List all tokens, including those of organizers: id, name, scopes and phases, state."""
     with opened(load_settings(RecordsSettings, data)) as database, database.read() as session:
         now = database_now(session)
         for row in tokens.list_tokens(session):
@@ -95,7 +95,7 @@ def revoke_token(
         left = left_behind(session, f"token:{token_id}", team_id)
     say(f"token {token_id} revoked")
     if left:
-        say("what was made with it works on; revoke these too, if they are not wanted:")
+        say("tokens made with it keep working; revoke these too, if they are not wanted:")
     for one in left:
         typer.echo(f"{one.id}\t{one.name}")
 
@@ -114,7 +114,7 @@ class Switch(StrEnum):
 def self_registration_command(
     switch: Annotated[Switch, typer.Argument(help="on or off")], data: DataOption = None
 ) -> None:
-    """Let teams register themselves, or no longer; they submit when an organizer approves."""
+    """Let teams register themselves, or stop that; they can submit once an organizer approves."""
     with opened(load_settings(RecordsSettings, data)) as database, database.write() as session:
         switch_self_registration(session, switch is Switch.ON, actor=ACTOR)
     say(
@@ -141,7 +141,7 @@ def new_receipt_key(data: DataOption = None) -> None:
 
 @records_app.command("init-secrets")
 def init_secrets(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Made where it is not there.")],
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Created if it is missing.")],
     host: Annotated[
         str, typer.Option("--host", help="Name of the server, for its first TLS certificate.")
     ] = "localhost",
@@ -158,13 +158,13 @@ def init_secrets(
     say(f"written into {folder}: {', '.join(names) or 'nothing, every file is there'}")
     say("keep a copy where backups are kept")
     if "tls.crt" in names:
-        say(f"tls.crt signs itself for {host}: put a real certificate into tls.crt and tls.key")
+        say(f"tls.crt is self-signed for {host}: put a real certificate into tls.crt and tls.key")
 
 
 @records_app.command("init")
 def init(
     bare: Annotated[
-        Path, typer.Option("--bare", metavar="DIR", help="Keeps data, secrets, settings and units.")
+        Path, typer.Option("--bare", metavar="DIR", help="Holds data, secrets, settings and units.")
     ],
     host: Annotated[str, typer.Option("--host", help="Name of the server, as people type it.")],
     programs: Annotated[
@@ -172,9 +172,9 @@ def init(
         typer.Option("--programs", help="Folder of our programs; by default that of this one."),
     ] = None,
 ) -> None:
-    """Write all that a production server without containers needs into DIR; as root.
+    """Write everything that a production server without containers needs into DIR; run as root.
 
-    Run again, it keeps secrets, data and settings of your own, and writes all else anew.
+    Run again, it keeps secrets, data and your own settings, and rewrites everything else.
     """
     from exceptiondrive_server.operations.bare_install import BareServer, programs_of_this
     from exceptiondrive_server.operations.secrets import require_pair
@@ -184,7 +184,7 @@ def init(
         made = BareServer(folder, (programs or programs_of_this()).absolute(), host).write()
     say(f"{folder} holds folders, secrets/, settings in etc/ and units in systemd/")
     if made:
-        say(f"secrets that were made: {', '.join(path.name for path in made)}")
+        say(f"new secrets: {', '.join(path.name for path in made)}")
     end = require_pair(folder / "secrets")
     if end < datetime.now(UTC):
         say(

@@ -83,13 +83,13 @@ def restore(file: File, data: DataOption = None) -> None:
         Layout(data).create()
     settings = load_settings(RecordsSettings, data)
     head = restore_backup(file, settings.database_url, FileStore(settings.file_store_url))
-    say(f"restored as of {head.created_at}: {head.n_files} files, audit chain whole")
+    say(f"restored as of {head.created_at}: {head.n_files} files, audit chain intact")
     _tell_lost(head)
     if settings.database_url.startswith("postgresql"):
         say("next: exceptiondrive-server migrate --grant-to, which gives each service its rights")
     say(
-        "next: put the key that signs receipts back, which no backup holds; where it is not, a new "
-        "one signs from then on, and former receipts stay valid"
+        "next: put back the key that signs receipts, which no backup holds; without it, a new one "
+        "signs from then on, and former receipts stay valid"
     )
     say("next: register the splits again with exceptiondrive-worker, then start everything")
 

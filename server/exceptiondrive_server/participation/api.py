@@ -49,7 +49,7 @@ class TermsAccepted(BaseModel):
 def get_disqualification_notes(
     services: ServicesOf, principal: MaybePrincipal, phase_id: PhaseId
 ) -> list[DisqualificationNote]:
-    """Read who stands on no board of the phase any more, as far as the organizers tell it."""
+    """List disqualified teams and submissions of the phase, as far as organizers made them public."""
     with services.database.read() as session:
         phase = shown_phase(session, phase_id, with_hidden=sees_hidden(principal))
         return list(disqualification_notes(session, phase))
@@ -68,7 +68,7 @@ def get_disqualification_notes(
 def post_terms(
     services: ServicesOf, submitter: Submitter, phase_id: PhaseId, accepted: AcceptTerms
 ) -> TermsAccepted:
-    """Accept the terms of a phase for the team, in the version that was read; twice is once."""
+    """Accept the terms of a phase for the team, in the version that was read; idempotent."""
     with services.database.write() as session:
         phase = shown_phase(session, phase_id)
         row = accept_terms(

@@ -155,7 +155,7 @@ def get_participation(services: ServicesOf, team_id: TeamId) -> Participation:
 def patch_team(
     services: ServicesOf, organizer: Organizer, team_id: TeamId, change: TeamChange
 ) -> ChangedTeam:
-    """Change name or affiliation; what is left out stays.
+    """Change a team's name or affiliation; omitted fields stay.
 
     New boards show the new name, earlier ones stay as they are.
     """
@@ -166,7 +166,7 @@ def patch_team(
 
 @router.post("/teams/{team_id}/merge", operation_id="mergeTeams")
 def post_merge(services: ServicesOf, organizer: Organizer, team_id: TeamId, merge: Merge) -> Merged:
-    """Make a team part of another one, with submissions, people and addresses; for good."""
+    """Merge a team into another one, with submissions, people and addresses; this cannot be undone."""
     with services.database.write() as session:
         team, n_moved = merge_teams(session, team_id, **merge.model_dump(), actor=organizer.actor)
         return Merged(id=team.slug, name=team.name, n_submissions=n_moved)
@@ -176,9 +176,9 @@ def post_merge(services: ServicesOf, organizer: Organizer, team_id: TeamId, merg
 def post_forgetting(
     services: ServicesOf, organizer: Organizer, team_id: TeamId, action: Action
 ) -> ChangedTeam:
-    """Take everything personal of a team out of the records; an alias stands on every board.
+    """Delete all personal data of a team; boards show an alias instead of its name.
 
-    The reason stays in the audit log: name nobody in it.
+    The reason stays in the audit log, so name nobody in it.
     """
     with services.database.write() as session:
         team = forget_team(session, team_id, reason=action.reason, actor=organizer.actor)
@@ -189,7 +189,7 @@ def post_forgetting(
 def post_team_disqualification(
     services: ServicesOf, organizer: Organizer, team_id: TeamId, wanted: TeamDisqualification
 ) -> DisqualificationView:
-    """Take a team off the boards of a phase, or of all; it submits nothing there."""
+    """Disqualify a team from a phase, or from all: it leaves the boards and cannot submit."""
     with services.database.write() as session:
         row = disqualify_team(
             session,
@@ -211,7 +211,7 @@ def post_entry_disqualification(
     submission_id: SubmissionId,
     wanted: EntryDisqualification,
 ) -> DisqualificationView:
-    """Take one submission off the boards; the same bytes are not taken again."""
+    """Disqualify one submission: it leaves the boards, and the same bytes are refused from then on."""
     with services.database.write() as session:
         row = disqualify_submission(
             session, submission_id, **wanted.model_dump(), actor=organizer.actor
@@ -221,7 +221,7 @@ def post_entry_disqualification(
 
 @router.get("/disqualifications", operation_id="listDisqualifications")
 def get_disqualifications(services: ServicesOf) -> list[DisqualificationView]:
-    """List disqualifications, newest first; those that ended, too."""
+    """List disqualifications, newest first, including ended ones."""
     with services.database.read() as session:
         return [disqualification_view(session, row) for row in list_disqualifications(session)]
 
@@ -233,7 +233,7 @@ def post_reinstatement(
     disqualification_id: Annotated[int, Path(ge=1, le=2**31 - 1)],
     action: Action,
 ) -> DisqualificationView:
-    """End a disqualification: the next board shows what no other one keeps off it."""
+    """End a disqualification: the next board shows all entries that no other one excludes."""
     with services.database.write() as session:
         row = reinstate(session, disqualification_id, reason=action.reason, actor=organizer.actor)
         return disqualification_view(session, row)
@@ -247,7 +247,7 @@ def patch_allowance(
     phase_id: PhaseId,
     wanted: NewAllowance,
 ) -> AllowanceView:
-    """Set a later deadline or another quota for one team; what is left out stays as it is."""
+    """Set a later deadline or another quota for one team; omitted fields stay."""
     with services.database.write() as session:
         row = set_allowance(
             session,
@@ -263,7 +263,7 @@ def patch_allowance(
 
 @router.post("/team-imports", operation_id="importTeams", status_code=201)
 def post_import(services: ServicesOf, organizer: Organizer, table: TeamTable) -> ImportedTeams:
-    """Make the teams of a table with a token each: all of them, or none."""
+    """Create the teams of a table, with a token each: all of them, or none."""
     with services.database.write() as session:
         made = import_teams(session, table.csv, actor=organizer.actor)
         teams = [ImportedView(id=one.slug, name=one.name, token=one.token) for one in made]
@@ -272,7 +272,7 @@ def post_import(services: ServicesOf, organizer: Organizer, table: TeamTable) ->
 
 @router.post("/messages", operation_id="sendMessage")
 def post_message(services: ServicesOf, organizer: Organizer, message: NewMessage) -> MessageView:
-    """Write to one, some or all teams: inbox, e-mail and webhooks; or see whom it would reach."""
+    """Send a message to one, some or all teams (inbox, e-mail, webhooks), or preview its recipients."""
     title, paragraphs = checked_message(message.title, message.text)
     if message.is_preview:
         with services.database.read() as session:

@@ -53,23 +53,23 @@ from exceptiondrive_server.web.organizer_frame import (
 from exceptiondrive_server.web.path_ids import PhaseId, SubmissionId, TeamId
 
 router = APIRouter(prefix="/organize", include_in_schema=False)
-TOLD_REASON = replace(REASON, hint="told to the team, and kept in the audit log with your name")
+TOLD_REASON = replace(REASON, hint="shown to the team, and kept in the audit log with your name")
 PUBLIC_NOTE = FormField(
     "public_note",
     "Public note",
     "lines",
-    "stands below the board and names team and method; empty: readers are told nothing",
+    "shown below the board, with team and method; empty: readers are told nothing",
     max_length=MAX_NOTE,
 )
 NAMES = (
-    FormField("name", "Name", hint="as new boards show it", is_required=True, max_length=80),
+    FormField("name", "Name", hint="as new boards will show it", is_required=True, max_length=80),
     FormField("affiliation", "Affiliation", hint="for organizers", max_length=MAX_AFFILIATION),
     REASON,
 )
 ALLOWANCE = (
     FormField("closes_at", "Own deadline", "moment", "empty: as for all teams"),
-    FormField("quota_per_day", "Submissions a day", "whole", "empty: as for all teams"),
-    FormField("quota_total", "Submissions in all", "whole", "empty: as for all teams"),
+    FormField("quota_per_day", "Submissions per day", "whole", "empty: as for all teams"),
+    FormField("quota_total", "Submissions in total", "whole", "empty: as for all teams"),
     TOLD_REASON,
 )
 TABLE = (
@@ -137,7 +137,7 @@ def change(services: ServicesOf, team_id: TeamId) -> Step:
         team,
         title=f"Rename {team.name}",
         meaning="New boards show the new name, and the team is told. Earlier boards stay as they are, and "
-        "an archived phase gets no new one for that.",
+        "an archived phase gets no new board for it.",
         button="Change",
         fields=NAMES,
         texts=_kept_names(team),
@@ -169,13 +169,13 @@ def merge(services: ServicesOf, team_id: TeamId) -> Step:
             and not (one.is_reference or one.is_gone)
             and one.pending_since is None
         ]
-    into = FormField("into", "Into", "choice", "the team that stays", True, options=tuple(others))
+    into = FormField("into", "Into", "choice", "the team that remains", True, options=tuple(others))
     return _step(
         team,
         title=f"Merge {team.name} into another team",
-        meaning="Its submissions, people, addresses and questions become the other team's, its tokens are "
-        "revoked, and both quotas count together. An allowance of its own holds for what it sent; the other "
-        f"team is not granted it. {AFTER_A_MERGE} This cannot be taken back.",
+        meaning="Its submissions, people, addresses and questions move to the other team, its tokens are "
+        "revoked, and what both used of their quotas is added up. Its own allowance covers only what it "
+        f"sent; the other team does not get it. {AFTER_A_MERGE} This cannot be undone.",
         button="Merge",
         fields=(into, _retype_field(team), REASON),
         command=f'exceptiondrive organizer teams merge {team.slug} --into TEAM --reason "…"',
@@ -194,9 +194,9 @@ def forget(services: ServicesOf, team_id: TeamId) -> Step:
     return _step(
         team,
         title=f"Forget {team.name}",
-        meaning="People, addresses, messages and what it says of its methods are taken out of the "
-        "records, its tokens end, and an alias stands on every board, old ones too, which have another "
-        "digest then; scores stay. Name nobody in the reason. This cannot be taken back.",
+        meaning="Its people, addresses, messages and what it says about its methods are removed from "
+        "the records, and its tokens stop working. An alias replaces its name on every board, old ones "
+        "too; scores stay. Do not name anybody in the reason. This cannot be undone.",
         button="Forget",
         fields=(_retype_field(team), REASON),
         command=f'exceptiondrive organizer teams forget {team.slug} --reason "…"',
@@ -208,8 +208,8 @@ def forget(services: ServicesOf, team_id: TeamId) -> Step:
 
 
 def _retype_field(team: Team) -> FormField:
-    """What is typed before an action that cannot be taken back."""
-    return FormField("again", f"Type {team.slug}", is_required=True, max_length=64)
+    """What is typed before an action that cannot be undone."""
+    return FormField("again", f"Type {team.slug} to confirm", is_required=True, max_length=64)
 
 
 def _once_typed(team: Team, action: Callable[..., Any]) -> Callable[..., Any]:
@@ -217,7 +217,7 @@ def _once_typed(team: Team, action: Callable[..., Any]) -> Callable[..., Any]:
 
     def take(session: Session, *, again: str, **given: str) -> Any:
         if again != team.slug:
-            raise InvalidRecord("Type the id of the team once more: this cannot be taken back.")
+            raise InvalidRecord("Type the id of the team to confirm: this cannot be undone.")
         return action(session, team.slug, **given)
 
     return take
@@ -245,17 +245,17 @@ def allowance(
     until = minute(phase.closes_at) if phase.closes_at else "none"
     step = _step(
         team,
-        title=f"Allowance of {team.name} in {phase.title}",
-        meaning="A later deadline holds for what came before it was granted, too: within it an "
-        "upload is not late. What stays empty is as for all teams. The team is told.",
+        title=f"Allowance for {team.name} in {phase.title}",
+        meaning="A later deadline also covers what the team uploaded before you granted it: nothing "
+        "within it is late. Empty fields are as for all teams. The team is told.",
         button="Set the allowance",
         fields=ALLOWANCE,
         texts=shown,
         kept=kept,
         facts=(
             ("Deadline for all", until),
-            ("A day", str(phase.quota_per_day)),
-            ("In all", str(phase.quota_total or "no limit")),
+            ("Per day for all", str(phase.quota_per_day)),
+            ("In total for all", str(phase.quota_total or "no limit")),
         ),
         command=f"exceptiondrive organizer teams limits {team.slug} --phase {phase.id} "
         '--closes-at TIME --reason "…"',
@@ -279,7 +279,7 @@ def team_disqualification(services: ServicesOf, team_id: TeamId) -> Step:
         team = find_team(session, team_id)
         phases = tuple((one.id, one.title) for one in list_phases(session, with_hidden=True))
     options = (*phases, (_EVERY_PHASE, "every phase"))
-    where = FormField("phase_id", "Where", "choice", is_required=True, options=options)
+    where = FormField("phase_id", "Phase", "choice", is_required=True, options=options)
 
     def take(session: Session, *, phase_id: str, **given: Any) -> Disqualification:
         only = None if phase_id == _EVERY_PHASE else phase_id
@@ -288,8 +288,8 @@ def team_disqualification(services: ServicesOf, team_id: TeamId) -> Step:
     return _step(
         team,
         title=f"Disqualify {team.name}",
-        meaning="It stands on no further board and submits nothing until it is reinstated; earlier "
-        "boards keep what they showed. A frozen board shows that at its reveal. The team is told.",
+        meaning="The team is on no new board and cannot submit until you reinstate it. Earlier boards "
+        "keep what they showed; a frozen board shows the change at its reveal. The team is told.",
         button="Disqualify",
         fields=(where, TOLD_REASON, PUBLIC_NOTE),
         command=f'exceptiondrive organizer teams disqualify {team.slug} --reason "…"',
@@ -308,9 +308,9 @@ def entry_disqualification(services: ServicesOf, submission_id: SubmissionId) ->
     return Step(
         section="submissions",
         title=f"Disqualify {submission.method} of {team.name}",
-        meaning="It stands on no further board until it is reinstated, what it displaced does not "
-        "come up, and its bytes are not taken again. Earlier boards keep what they showed; a frozen "
-        "board shows that at its reveal. The team is told.",
+        meaning="The entry is on no new board until you reinstate it. The entry that it displaced does "
+        "not return, and the same bytes are refused. Earlier boards keep what they showed; a frozen "
+        "board shows the change at its reveal. The team is told.",
         button="Disqualify",
         back=f"/organize/submissions/{submission.id}",
         back_words="The submission",
@@ -332,17 +332,17 @@ def reinstatement(
         row = find_disqualification(session, disqualification_id)
         team = session.get_one(Team, row.team_id)
         where = find_phase(session, row.phase_id).title if row.phase_id else "every phase"
-        what = "everything of the team"
+        what = "all entries of the team"
         if row.submission_id:
             what = f"the entry {find_submission(session, row.submission_id).method}"
     step = _step(
         team,
         title=f"Reinstate {what} of {team.name}" if row.submission_id else f"Reinstate {team.name}",
-        meaning="What no other disqualification keeps off the boards stands on the next one. The team "
-        "is told.",
+        meaning="The next board shows it again, unless another disqualification still applies. The "
+        "team is told.",
         button="Reinstate",
         fields=(TOLD_REASON,),
-        facts=(("What", what), ("Where", where), ("Reason", row.reason)),
+        facts=(("What", what), ("Phase", where), ("Reason", row.reason)),
         command=f'exceptiondrive organizer teams reinstate {row.id} --reason "…"',
         take=partial(reinstate, disqualification_id=row.id),
         done="reinstated",
@@ -386,18 +386,18 @@ def _message(session: Session) -> Step:
     return Step(
         section="teams",
         title="Write to teams",
-        meaning="It stands in the inbox of each team and goes to every confirmed address. The next "
-        "page shows it as teams read it, and how many it reaches; no address is shown.",
+        meaning="The message goes to each team's inbox and to every confirmed address. The next page "
+        "shows it as teams will read it, and how many it reaches; no address is shown.",
         button="Preview",
         back="/organize/teams",
         back_words="Teams",
         fields=(
             FormField("title", "Title", is_required=True, max_length=MAX_TITLE),
-            FormField("text", "Text", "lines", "plain words; a blank line parts paragraphs",
+            FormField("text", "Text", "lines", "plain text; a blank line separates paragraphs",
                   is_required=True, max_length=MAX_TEXT),
-            FormField("teams", "To", "several", "none ticked: every team that is approved",
+            FormField("teams", "To", "several", "none ticked: every approved team",
                   options=teams),
-            FormField("phase", "Of every team, those that submitted to", "choice", options=phases,
+            FormField("phase", "If none is ticked, only teams that submitted to", "choice", options=phases,
                   empty="any phase or none"),
         ),
         command='exceptiondrive organizer message "TITLE" --text FILE --to TEAM --preview',
@@ -418,15 +418,15 @@ def _preview(session: Session, step: Step, values: Mapping[str, Any]) -> Step:
     return replace(
         step,
         title=f"Send “{title}”",
-        meaning="This is what teams read, in their inbox and in mails; it cannot be called back.",
+        meaning="This is what teams will read, in their inbox and in mail. It cannot be recalled.",
         button=f"Send to {counted(len(found), 'team')}",
         back="/organize/messages",
-        back_words="Write anew",
+        back_words="Start over",
         fields=(),
         facts=(
             ("Text", paragraphs),
             ("To", tuple(names) or "nobody"),
-            ("Addresses told besides", f"by e-mail: {n_emails}, by webhook: {n_webhooks}"),
+            ("Also sent", f"by e-mail: {n_emails}, by webhook: {n_webhooks}"),
         ),
         hidden=(
             ("title", values["title"]),

@@ -37,7 +37,7 @@ def get_phases(
 ) -> list[PhaseView]:
     """List all phases; with a token, each with the team's own quota.
 
-    Hidden phases are listed to organizers alone.
+    Only organizers see hidden phases.
     """
     team_id = principal.team_id if principal else None
     limit = services.settings.max_upload_bytes
@@ -60,7 +60,7 @@ def get_phases(
 def get_phase(
     response: Response, services: ServicesOf, principal: MaybePrincipal, phase_id: PhaseId
 ) -> PhaseView:
-    """Show one phase; with a team's token the headers say what it may still submit."""
+    """Get one phase; with a team's token, headers say what it may still submit."""
     with services.database.read() as session:
         view = phase_view(
             session,
@@ -80,7 +80,7 @@ def get_phase(
     responses=problem_responses(ProblemCode.NOT_FOUND, ProblemCode.NOT_SIGNED_IN),
 )
 def get_manifest(services: ServicesOf, principal: MaybePrincipal, phase_id: PhaseId) -> Manifest:
-    """Give the sample ids that a submission file must hold: no task, region or scene."""
+    """Get the sample ids that a submission file must contain, without tasks, regions or scenes."""
     with services.database.read() as session:
         phase = shown_phase(session, phase_id, with_hidden=sees_hidden(principal))
         manifest = manifest_of(session, phase.split_name, phase.split_revision)
@@ -94,7 +94,7 @@ def get_manifest(services: ServicesOf, principal: MaybePrincipal, phase_id: Phas
     responses=problem_responses(ProblemCode.NOT_FOUND, ProblemCode.NOT_SIGNED_IN),
 )
 def get_report(services: ServicesOf, principal: MaybePrincipal, phase_id: PhaseId) -> PhaseReport:
-    """Tell how a phase ended: winners, what a reveal changed, flags, counts, from its boards alone."""
+    """Get the final report of a phase, made from its boards: winners, changes by a reveal, flags, counts."""
     with services.database.read() as session:
         phase = shown_phase(session, phase_id, with_hidden=sees_hidden(principal))
         return report_of(session, phase)

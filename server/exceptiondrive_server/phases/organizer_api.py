@@ -52,7 +52,7 @@ class LiveBoard(BaseModel):
 
 @router.post("/phases", operation_id="createPhase", status_code=201)
 def post_phase(services: ServicesOf, organizer: Organizer, phase: NewPhase) -> PhaseView:
-    """Make a phase."""
+    """Create a phase."""
     with services.database.write() as session:
         made = create_phase(session, phase, actor=organizer.actor)
         return _view(session, services, made)
@@ -62,9 +62,9 @@ def post_phase(services: ServicesOf, organizer: Organizer, phase: NewPhase) -> P
 def patch_phase(
     services: ServicesOf, organizer: Organizer, phase_id: PhaseId, change: PhaseChange
 ) -> PhaseView:
-    """Change settings of a phase; what would take back a promise is refused.
+    """Change settings of a phase; a change that would break a promise is refused.
 
-    What is left out stays, within `page` and `policy` too; null takes a limit or date away.
+    Omitted fields stay, also within `page` and `policy`; null removes a limit or date.
     """
     require_order_right(organizer, change)
     with services.database.write() as session:
@@ -76,7 +76,7 @@ def patch_phase(
 def post_feature(
     services: ServicesOf, organizer: Organizer, phase_id: PhaseId, step: Action
 ) -> PhaseView:
-    """Put a phase before all others: in lists, and on the front page."""
+    """Feature a phase: it comes first in lists and on the front page."""
     with services.database.write() as session:
         phase = feature_phase(session, phase_id, reason=step.reason, actor=organizer.actor)
         return _view(session, services, phase)
@@ -86,7 +86,7 @@ def post_feature(
 def post_deletion(
     services: ServicesOf, organizer: Organizer, phase_id: PhaseId, step: Action
 ) -> PhaseView:
-    """Delete a phase in which nothing was ever submitted or rescored, with its empty boards."""
+    """Delete a phase without any submission or rescoring run, with its empty boards."""
     with services.database.write() as session:
         gone = _view(session, services, find_phase(session, phase_id))
         delete_phase(session, phase_id, reason=step.reason, actor=organizer.actor)
@@ -102,7 +102,7 @@ def post_deletion(
 def get_export(
     request: Request, services: ServicesOf, organizer: Organizer, phase_id: PhaseId
 ) -> Response:
-    """Download what readers may see of a phase, as a tar for a paper or an archive."""
+    """Download the public data of a phase, as a tar for a paper or an archive."""
     return export_phase(services, organizer, phase_id, origin_of(request))
 
 
@@ -120,10 +120,10 @@ def post_freeze(
 def post_reveal(
     services: ServicesOf, organizer: Organizer, phase_id: PhaseId, step: Reveal
 ) -> PhaseView:
-    """Show the board behind a freeze, or the names, which cannot be taken back.
+    """Reveal the board behind a freeze, or the names, which cannot be undone.
 
-    For `split` scoring of the revealed part begins, and organizers alone see it: it is a rescoring
-    run like any other, and the board changes when that is applied.
+    `split` starts scoring the revealed part, which only organizers see: it is a rescoring run like any
+    other, and the board changes when it is applied.
     """
     with services.database.write() as session:
         phase = _REVEALS[step.what](session, phase_id, reason=step.reason, actor=organizer.actor)
@@ -139,7 +139,7 @@ _REVEALS: Mapping[str, Callable[..., Phase]] = {
 
 @router.get("/phases/{phase_id}/board", operation_id="showLiveBoard")
 def get_live_board(services: ServicesOf, phase_id: PhaseId) -> LiveBoard:
-    """Show the newest board, behind a freeze too, and who stands behind its pseudonyms."""
+    """Get the newest board, even behind a freeze, with the names behind its pseudonyms."""
     with services.database.read() as session:
         phase = find_phase(session, phase_id)
         row = latest_board(session, phase.id, key_of_phase(phase))

@@ -103,15 +103,15 @@ PHASE_STEPS: Mapping[str, PhaseStep] = {
         PhaseStep(
             "feature",
             "Put it on the front page",
-            "The phase stands before all others: in every list, and on the front page.",
+            "The phase comes before all others: in every list, and on the front page.",
             feature_phase,
             lambda phase: phase.visibility == "shown",
         ),
         PhaseStep(
             "freeze",
             "Freeze the board",
-            "The public board stays as it is from now on, until you reveal it. Scoring goes "
-            "on behind it.",
+            "The public board stays as it is from now on, until you reveal it. Scoring continues "
+            "behind it.",
             freeze_phase,
             lambda phase: _phase_now(phase).frozen_since is None,
         ),
@@ -126,8 +126,8 @@ PHASE_STEPS: Mapping[str, PhaseStep] = {
         PhaseStep(
             "reveal-names",
             "Reveal the names",
-            "From the next board on teams and methods stand under their names. This cannot "
-            "be taken back.",
+            "From the next board on, teams and methods appear under their names. This cannot "
+            "be undone.",
             reveal_names,
             lambda phase: _phase_now(phase).is_anonymous,
             is_grave=True,
@@ -135,8 +135,8 @@ PHASE_STEPS: Mapping[str, PhaseStep] = {
         PhaseStep(
             "reveal-split",
             "Reveal the other part",
-            "Workers score the part of the split that the phase reveals; the board changes "
-            f"when the run that this begins is applied. {LATE_FILES}",
+            "Workers score the part of the split that the phase reveals; the board changes when "
+            f"you apply the run that this starts. {LATE_FILES}",
             reveal_split,
             lambda phase: _phase_now(phase).part == "public",
             is_grave=True,
@@ -144,8 +144,8 @@ PHASE_STEPS: Mapping[str, PhaseStep] = {
         PhaseStep(
             "delete",
             "Delete the phase",
-            "The phase goes with its empty boards. This works only while nothing was "
-            "submitted or rescored in it; else archive or hide it.",
+            "The phase and its empty boards are removed. This works only while nothing was "
+            "submitted or rescored in it; otherwise archive or hide it.",
             delete_phase,
             lambda phase: True,
             is_grave=True,
@@ -162,8 +162,8 @@ HISTORY = 50
 SETTINGS = fields_of(PhaseSettings)
 TITLES_OF_PARTS = {
     None: "Dates and limits",
-    "page": "The page of the phase",
-    "policy": "What is shown, when, to whom",
+    "page": "Public page",
+    "policy": "What is shown when, and to whom",
 }
 
 
@@ -312,23 +312,23 @@ def _made_of(session: Session) -> tuple[FormField, ...]:
     revisions = tuple((one.revision, f"{one.name} of {words_of_revision(one)}") for one in wholes)
     versions = tuple((one.version, one.version) for one in reversed(list_protocols(session)))
     return (
-        FormField("id", "Id", hint="stands in addresses; never changes", is_required=True,
+        FormField("id", "Id", hint="part of addresses; cannot be changed later", is_required=True,
               max_length=64),
         FormField("challenge", "Challenge", "choice", is_required=True, options=challenges),
         FormField("split", "Split", "choice", is_required=True,
               options=tuple((name, f"{name}: {title}") for name, title in splits.items())),
-        FormField("split_revision", "Its revision", "choice", "one of this split",
+        FormField("split_revision", "Split revision", "choice", "must be one of this split",
               options=revisions, empty="the one registered last"),
         FormField("protocol", "Protocol", "choice",
-              f"the usual one: of a withheld split {NEWEST_WITHHELD}, of a public one the newest that "
-              "a phase has", options=versions, empty="the usual one"),
+              f"the default for a withheld split is {NEWEST_WITHHELD}, for a public one the newest that "
+              "a phase has", options=versions, empty="the default"),
     )  # fmt: skip
 
 
 def _of_new() -> tuple[FormField, ...]:
     """Settings of a phase to be made: what depends on the split may stay empty."""
     return tuple(
-        replace(field, is_required=False, hint=f"{field.hint} Else as usual for the split.")
+        replace(field, is_required=False, hint=f"{field.hint} If empty, the default for the split.")
         if field.name in WITHHELD_DEFAULTS
         else field
         for field in SETTINGS
@@ -413,6 +413,6 @@ def _page(
         "phases/organizer_phase.html",
         "phases",
         refusal=by_label(refusal, settings),
-        parts=[("What it is made of", made_of), *parts],
+        parts=[("Challenge, split and protocol", made_of), *parts],
         **values,
     )

@@ -38,7 +38,7 @@ def protocol_head(protocol: ProtocolDocument) -> ProtocolHead:
 
 @router.get("/protocols", operation_id="listProtocols", responses=problem_responses())
 def get_protocols(services: ServicesOf) -> list[ProtocolHead]:
-    """List the protocols that phases stand or stood under, oldest first."""
+    """List the protocols that phases use or used, oldest first."""
     with services.database.read() as session:
         return [protocol_head(protocol) for protocol in shown_protocols(session)]
 
@@ -66,7 +66,7 @@ def get_protocol(
         Query(alias="format", description="else TOML where the Accept header takes it"),
     ] = None,
 ) -> Response:
-    """Give a protocol: every constant that turns a trajectory into a score."""
+    """Get a protocol: every constant that turns a trajectory into a score."""
     wants_toml = form == "toml" or (form is None and takes(request.headers.get("accept", ""), TOML))
     with services.database.read() as session:
         protocol = shown_protocol(session, version)
@@ -85,7 +85,7 @@ def get_tasks(
         str | None, Query(max_length=100, description="else that of the front page")
     ] = None,
 ) -> Taxonomy:
-    """Give the taxonomy of a protocol: its families and their tasks, with the clearances that it requires."""
+    """Get the taxonomy of a protocol: its families and tasks, with the required clearances."""
     with services.database.read() as session:
         asked = shown_protocol(session, protocol) if protocol else featured_protocol(session)
     taxonomy, scale = asked.taxonomy, asked.grading.d_safe_scale

@@ -72,7 +72,7 @@ def get_all_protocols(services: ServicesOf) -> list[KnownProtocol]:
     responses={200: {"content": {TOML: {"schema": {"type": "string"}}}}},
 )
 def get_any_protocol(services: ServicesOf, version: Version) -> Response:
-    """Give the TOML document of a protocol, of a draft too."""
+    """Get the TOML document of a protocol, even of a draft."""
     with services.database.read() as session:
         toml = find_protocol_row(session, version).toml
     return Response(toml, media_type=TOML, headers={"Cache-Control": "no-store"})
@@ -82,7 +82,7 @@ def get_any_protocol(services: ServicesOf, version: Version) -> Response:
 def post_deletion(
     services: ServicesOf, organizer: Organizer, version: Version, action: Action
 ) -> ProtocolHead:
-    """Delete a protocol that nothing was made of: neither phase, run, board nor sheet."""
+    """Delete a protocol that no phase, run, board or sheet ever used."""
     with services.database.write() as session:
         gone = delete_protocol(session, version, reason=action.reason, actor=organizer.actor)
     return protocol_head(gone)
@@ -90,7 +90,7 @@ def post_deletion(
 
 @router.post("/protocols/check", operation_id="checkProtocol")
 def post_protocol_check(services: ServicesOf, toml: Toml, phase: PhaseQuery = None) -> Difference:
-    """Validate a protocol document and say in plain words what it changes; nothing is kept."""
+    """Validate a protocol document and describe what it changes, without storing it."""
     with services.database.read() as session:
         return protocol_check(session, toml, phase)
 
@@ -115,7 +115,7 @@ def post_protocol(
 
 @router.get("/confirmations", operation_id="listConfirmations")
 def get_confirmations(services: ServicesOf) -> list[ConfirmationView]:
-    """List what organizers signed, newest first; workers decide which keys count."""
+    """List signed confirmations, newest first; workers decide which keys count."""
     with services.database.read() as session:
         return [_confirmation(row) for row in list_confirmations(session)]
 
@@ -124,7 +124,7 @@ def get_confirmations(services: ServicesOf) -> list[ConfirmationView]:
 def post_confirmation(
     services: ServicesOf, organizer: Organizer, given: Confirmation
 ) -> ConfirmationView:
-    """Keep what an organizer signed: that a split revision may be scored under a protocol."""
+    """Store an organizer's signed confirmation that a split revision may be scored under a protocol."""
     with services.database.write() as session:
         return _confirmation(add_confirmation(session, given, organizer.actor))
 
@@ -133,7 +133,7 @@ def post_confirmation(
 def post_withdrawal(
     services: ServicesOf, organizer: Organizer, confirmation_id: ConfirmationId, action: Action
 ) -> list[ConfirmationView]:
-    """Take a confirmation back; return those that stay."""
+    """Withdraw a confirmation; return the remaining ones."""
     with services.database.write() as session:
         withdraw_confirmation(session, confirmation_id, action.reason, organizer.actor)
     return get_confirmations(services)

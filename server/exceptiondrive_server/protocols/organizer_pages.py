@@ -83,12 +83,12 @@ def confirmation() -> Step:
     """Keep what an organizer signed on a machine of their own."""
     return _step(
         title="Confirm a protocol on a split",
-        meaning="Where a withheld split asks for a second organizer, two sign that it may be scored "
-        "under a protocol, each with a key that is on no server. Sign on your machine, with the "
-        "document that you read there.",
-        button="Keep the confirmation",
+        meaning="If a withheld split requires a second organizer, two sign that it may be scored under "
+        "a protocol, each with a key that is on no server. Sign on your own machine, with the document "
+        "that you read there.",
+        button="Store the confirmation",
         fields=(
-            FormField("confirmation", "What the command wrote", "lines", "JSON", is_required=True,
+            FormField("confirmation", "Output of the command", "lines", "JSON", is_required=True,
                   max_length=2000),
         ),
         command="exceptiondrive organizer protocols confirm new.toml --split NAME "
@@ -102,7 +102,9 @@ def _add_confirmation(session: Session, *, confirmation: str, actor: str) -> Non
     try:
         given = Confirmation.read(confirmation.encode())
     except ValidationError:
-        raise InvalidRecord("This is no confirmation: paste all that the command wrote.") from None
+        raise InvalidRecord(
+            "This is not a confirmation: paste everything that the command wrote."
+        ) from None
     add_confirmation(session, given, actor)
 
 
@@ -111,7 +113,7 @@ def withdrawal(confirmation_id: ConfirmationId) -> Step:
     """Take a confirmation back."""
     return _step(
         title="Withdraw the confirmation",
-        meaning="Where the split asks for a second organizer, workers score nothing more and build "
+        meaning="If the split requires a second organizer, workers score nothing more and build "
         "no board under this protocol until it is confirmed again. What is published stays.",
         button="Withdraw",
         fields=(REASON,),
@@ -161,13 +163,13 @@ def show_toml(browser: OrganizerBrowser, version: Version) -> Response:
 
 @step_at(router, "/{version}/delete")
 def deletion(services: ServicesOf, version: Version) -> Step:
-    """Delete a protocol that nothing was made of."""
+    """Delete a protocol that nothing uses."""
     with services.database.read() as session:
         protocol = find_protocol(session, version)
     return _step(
         title=f"Delete protocol {protocol.version}",
-        meaning="Only a document that nothing was made of goes: neither phase, run, board nor "
-        "sheet. The audit log keeps its digest.",
+        meaning="Only a protocol that no phase, run, board or sheet uses can be deleted. The audit log "
+        "keeps its digest.",
         button="Delete the protocol",
         fields=(REASON,),
         facts=(("Title", protocol.title), ("What changes", protocol.changes)),

@@ -71,7 +71,7 @@ def get_verifications(services: ServicesOf, phase: PhaseQuery = None) -> list[Ve
 def post_verification(
     services: ServicesOf, organizer: Organizer, wanted: NewVerification
 ) -> VerificationView:
-    """Recompute sheets from their uploads, and demand every bit again."""
+    """Recompute sheets from their uploads, and compare every bit."""
     with services.database.write() as session:
         given = wanted.model_dump()
         started = changes.start_verification(
@@ -84,14 +84,14 @@ def post_verification(
 def get_verification(
     services: ServicesOf, verification_id: Annotated[str, Path(max_length=64)]
 ) -> VerificationView:
-    """Show what a verification has come to."""
+    """Show progress and outcome of a verification."""
     with services.database.read() as session:
         return verification.verification_view(session, verification_id)
 
 
 @router.get("/rescoring/{run_id}", operation_id="showRun")
 def get_run(services: ServicesOf, run_id: RunId) -> RunView:
-    """Show state, progress and what stands in the way."""
+    """Show state, progress and blockers of a run."""
     with services.database.read() as session:
         return run_view(session, find_run(session, run_id))
 
@@ -104,7 +104,7 @@ def get_preview(
         str | None, Query(max_length=100, description="digest of an earlier preview")
     ] = None,
 ) -> PreviewView:
-    """Compare every entry before and after, worst movers first named."""
+    """Compare every entry before and after, worst movers first."""
     with services.database.read() as session:
         return preview_of(session, run_id, seen)
 
@@ -116,7 +116,7 @@ def get_preview(
     responses={200: {"content": {"text/csv": {"schema": {"type": "string"}}}}},
 )
 def get_preview_csv(services: ServicesOf, run_id: RunId) -> Response:
-    """Download the comparison: a line per entry."""
+    """Download the comparison as CSV, a line per entry."""
     with services.database.read() as session:
         preview = preview_of(session, run_id)
     return Response(comparison_csv(preview.comparison, preview.direction), media_type="text/csv")
@@ -126,7 +126,7 @@ def get_preview_csv(services: ServicesOf, run_id: RunId) -> Response:
 def post_start(
     services: ServicesOf, organizer: Organizer, run_id: RunId, action: Action
 ) -> RunView:
-    """Begin to score in the background."""
+    """Start scoring in the background."""
     return _step(services, changes.start_run, organizer.actor, run_id, action)
 
 
@@ -134,7 +134,7 @@ def post_start(
 def post_pause(
     services: ServicesOf, organizer: Organizer, run_id: RunId, action: Action
 ) -> RunView:
-    """Let no further sheet of the run begin."""
+    """Pause a run: no further sheet of it begins."""
     return _step(services, changes.pause_run, organizer.actor, run_id, action)
 
 
@@ -142,7 +142,7 @@ def post_pause(
 def post_resume(
     services: ServicesOf, organizer: Organizer, run_id: RunId, action: Action
 ) -> RunView:
-    """Go on, and try failed sheets again."""
+    """Resume a run, and retry failed sheets."""
     return _step(services, changes.resume_run, organizer.actor, run_id, action)
 
 
@@ -150,7 +150,7 @@ def post_resume(
 def post_cancel(
     services: ServicesOf, organizer: Organizer, run_id: RunId, action: Action
 ) -> RunView:
-    """End a run that was not applied; the board never changed."""
+    """Cancel a run that was not applied; the board did not change."""
     return _step(services, changes.cancel_run, organizer.actor, run_id, action)
 
 
@@ -178,7 +178,7 @@ def post_rollback(
 def post_close(
     services: ServicesOf, organizer: Organizer, run_id: RunId, action: Action
 ) -> RunView:
-    """End an applied run for good: it can no longer be rolled back."""
+    """Close an applied run: it can no longer be rolled back."""
     return _step(services, changes.close_run, organizer.actor, run_id, action)
 
 

@@ -92,8 +92,8 @@ def draft(services: ServicesOf, phase: Choice = "", protocol: Choice = "") -> St
     return Step(
         section="rescoring",
         title="Draft a rescoring run",
-        meaning="Nothing is scored and nobody sees anything yet. The next page says in words what "
-        "would change and how much is repeated.",
+        meaning="Nothing is scored yet, and readers see nothing. The next page says in words what would "
+        "change and how much is recomputed.",
         button="Draft the run",
         back=HERE,
         back_words="Rescoring",
@@ -101,14 +101,14 @@ def draft(services: ServicesOf, phase: Choice = "", protocol: Choice = "") -> St
             FormField("phase", "Phase", "choice", is_required=True, options=tuple(phases)),
             FormField(
                 "protocol",
-                "To protocol",
+                "New protocol",
                 "choice",
                 options=tuple(reversed(versions)),
                 empty="the one in force",
             ),
             FormField(
                 "split_revision",
-                "To split revision",
+                "New split revision",
                 "choice",
                 "only if the split itself was corrected",
                 options=tuple(revisions),
@@ -226,8 +226,8 @@ def verification(services: ServicesOf, phase: Choice = "") -> Step:
     return Step(
         section="rescoring",
         title="Verify sheets",
-        meaning="Workers recompute sheets from their uploads over an empty store, and demand the "
-        "same digest of the unrounded sheet. Nothing is changed; what differs is named.",
+        meaning="Workers recompute sheets from their uploads, with an empty store, and compare the "
+        "digests of the unrounded sheets. Nothing is changed; sheets that differ are listed.",
         button="Verify",
         back=HERE,
         back_words="Rescoring",

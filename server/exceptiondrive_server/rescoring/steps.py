@@ -24,7 +24,7 @@ from exceptiondrive_server.web.forms import REASON
 from exceptiondrive_server.web.organizer_frame import Step
 
 _NEXT = {
-    RunState.DRAFT: "drafted, nothing is scored until you start it.",
+    RunState.DRAFT: "drafted; nothing is scored until you start it.",
     RunState.SCORING: "scoring in the background.",
     RunState.PAUSED: "paused; resume it when you like.",
     RunState.READY: "ready; look at the preview, then apply it.",
@@ -95,7 +95,7 @@ def _next_words(run: RunView) -> str:
     if run.state is RunState.DRAFT and run.trial is not None and run.trial.state == "held":
         return "drafted, but the floors of its split forbid it."
     if run.state is RunState.READY and run.blockers:
-        return "ready, but something stands in the way of applying it."
+        return "ready, but something prevents applying it."
     return _NEXT[run.state]
 
 
@@ -140,7 +140,7 @@ RUN_STEPS: Mapping[str, RunStep] = {
             RunAction.PAUSE,
             "Pause",
             "Pause the run",
-            "No further sheet begins; those that run are finished.",
+            "No further sheet is started; those in progress are finished.",
             "run_paused",
             changes.pause_run,
             "pause",
@@ -149,7 +149,7 @@ RUN_STEPS: Mapping[str, RunStep] = {
             RunAction.RESUME,
             "Resume",
             "Resume the run",
-            "Scoring goes on, and sheets that failed are tried again.",
+            "Scoring continues, and failed sheets are tried again.",
             "run_resumed",
             changes.resume_run,
             "resume",
@@ -159,9 +159,9 @@ RUN_STEPS: Mapping[str, RunStep] = {
             RunAction.APPLY,
             "Apply",
             "Apply the run",
-            "One transaction shows the new board to every reader, and tells the teams whose "
-            "numbers change. While the phase is hidden, organizers alone see that board, and teams are "
-            "told when it is shown. It can be rolled back until you close the run.",
+            "All at once, every reader sees the new board, and the teams whose numbers change are "
+            "told. While the phase is hidden, only organizers see that board, and teams are told when it "
+            "is shown. You can roll back until you close the run.",
             "run_applied",
             flip.apply_run,
             "apply",
@@ -174,9 +174,9 @@ RUN_STEPS: Mapping[str, RunStep] = {
             RunAction.ROLLBACK,
             "Roll back",
             "Roll back",
-            "Readers see the board under the earlier protocol again, with what was scored since, also "
+            "Readers see the board under the earlier protocol again, with everything scored since, even "
             "what a freeze had hidden; the teams whose numbers change are told. While the phase is hidden, "
-            "organizers alone see that board and nobody is told.",
+            "only organizers see that board and nobody is told.",
             "run_rolled_back",
             flip.rollback_run,
             "rollback",
@@ -187,7 +187,7 @@ RUN_STEPS: Mapping[str, RunStep] = {
             RunAction.CLOSE,
             "Close",
             "Close the run",
-            "The new protocol stays: fresh submissions are scored under it alone, and the run "
+            "The new protocol stays: fresh submissions are scored only under it, and the run "
             "can no longer be rolled back.",
             "run_closed",
             changes.close_run,
@@ -198,7 +198,7 @@ RUN_STEPS: Mapping[str, RunStep] = {
             RunAction.CANCEL,
             "Cancel",
             "Cancel the run",
-            "It ends here. The public board never changed, and sheets that were made are kept.",
+            "The run ends here. The public board never changed, and sheets already made are kept.",
             "run_cancelled",
             changes.cancel_run,
             "cancel",

@@ -35,7 +35,7 @@ def get_datasheet(
     name: SplitName,
     revision: Revision = None,
 ) -> Datasheet:
-    """Tell how a split was made, where its makers say so."""
+    """Get the datasheet of a split, which says how it was made, if its makers provided one."""
     with services.database.read() as session:
         sheet = shown_revision(session, name, revision).datasheet
     if sheet is None:
@@ -62,7 +62,7 @@ def download_split(
     name: SplitName,
     revision: Revision = None,
 ) -> Response:
-    """Download a development split with its regions, for `exceptiondrive evaluate`."""
+    """Download a public split with its regions, for `exceptiondrive evaluate`."""
     with services.database.read() as session:
         digest = shown_file(session, name, revision).public_file_digest
     assert digest is not None

@@ -33,7 +33,7 @@ class SplitView(BaseModel):
 
 @router.get("/splits", operation_id="listSplits")
 def get_splits(services: ServicesOf) -> list[SplitView]:
-    """List the registered split revisions: what a phase may use."""
+    """List the registered split revisions, which phases may use."""
     with services.database.read() as session:
         return [
             SplitView(

@@ -94,20 +94,20 @@ async def submit(
     principal: Submitter,
     idempotency_key: IdempotencyKey = None,
 ) -> SubmissionView:
-    """Take an upload. It is kept before the answer is sent; workers read and score it later.
+    """Upload a file. It is stored before the response is sent; workers read and score it later.
 
-    The same bytes again give the first submission (200) and cost no quota, unless that one was
-    withdrawn; with another method, description, link, `facts` or `linked_to` than it has they are
-    refused (409). With an `Idempotency-Key` the same upload, sent again within 24 hours, is answered
-    as the first time (202), even where the submission was withdrawn meanwhile; the key with other
+    The same bytes again return the first submission (200) and cost no quota, unless it was
+    withdrawn; if method, description, link, `facts` or `linked_to` differ from it, they are
+    refused (409). With an `Idempotency-Key`, the same upload sent again within 24 hours gets the
+    first response (202), even if the submission was withdrawn meanwhile; the key with other
     bytes, or in another phase, is refused (409). A key is 1 to 255 visible ASCII characters.
 
-    Scores and ranks of a submission that was there before are told to a token with `read:own` alone;
-    so it is where a submission is changed, withdrawn, confirmed, chosen or published.
+    Scores and ranks of an existing submission are shown only to a token with `read:own`; this also
+    holds when a submission is changed, withdrawn, confirmed, chosen or published.
 
     The headers `RateLimit-Limit`, `RateLimit-Remaining` and `RateLimit-Reset` (in seconds) say what
-    the team may still submit to the phase; a phase, a submission, and the submissions of one
-    phase come with them too.
+    the team may still submit to the phase; responses about a phase, a submission, or the submissions
+    of one phase carry them, too.
     """
     began_s = time.monotonic()
     async with received_upload(request, services, principal) as upload:
@@ -134,10 +134,10 @@ def get_submissions(
     limit: Annotated[int, Query(ge=1, le=200, description="submissions at a time")] = 50,
     after: Annotated[str | None, Query(max_length=64, description="`next` of a page")] = None,
 ) -> SubmissionPage:
-    """List the team's submissions, newest first; organizers see every team's, those of single phases with `phase`.
+    """List the team's submissions, newest first; organizers see those of all teams (confined ones need `phase`).
 
-    Of one phase the headers say what the team may still submit in it. Of a phase that there is not a
-    team has none, and organizers are told.
+    For one phase, headers say what the team may still submit in it. For an unknown phase, a team gets an
+    empty list, an organizer an error.
     """
     with services.database.read() as session:
         if phase is not None and principal.team_id is not None:
@@ -167,10 +167,10 @@ def get_submission(
         bool, Query(description="let what a scored file looks like be worked out: `report.profile`")
     ] = False,
 ) -> SubmissionView:
-    """Show where a submission stands; another team's is not found.
+    """Get the state of a submission; one of another team answers 404.
 
-    The headers say what its team may still submit in the phase. What a scored planning file looks like
-    is worked out once somebody asks for it here or opens its page; `awaits_profile` until it is there.
+    The headers say what its team may still submit in the phase. The profile of a scored planning file is
+    computed when it is first requested here or on its page; `awaits_profile` is true until it is there.
     """
     with services.database.read() as session:
         found = find_submission(session, submission_id, team_id=own_team(principal))
@@ -196,7 +196,7 @@ def get_submission(
 def get_file(
     request: Request, services: ServicesOf, principal: Reader, submission_id: SubmissionId
 ) -> Response:
-    """Give a team its own upload again, bit by bit; another team's is not found."""
+    """Download the team's own upload, bit for bit; one of another team answers 404."""
     return own_upload(request, services, principal, submission_id)
 
 
@@ -207,12 +207,12 @@ def patch_submission(
     submission_id: SubmissionId,
     change: SubmissionChange,
 ) -> SubmissionView:
-    """Change what the team says of a submission: name, description, links, facts of the method.
+    """Edit the description of a submission: name, description, links, facts of the method.
 
-    What is left out stays, and so do score, time and quota; null takes a description, link or fact away.
-    A name is the method's: all its runs in the phase take it. Boards that were published keep the old
-    name; facts are joined when they are read. With the name of another method of the team both become
-    one, of which one run stands: that needs `replace`, and a later new name does not part them.
+    Omitted fields stay, as do score, time and quota; null removes a description, link or fact.
+    A name belongs to the method: all its runs in the phase take it. Published boards keep the old
+    name; facts are joined when they are read. Taking the name of another method of the team merges
+    both into one, of which one run counts: that needs `replace`, and a later rename does not split them.
     """
     edit = partial(edit_submission, change=change)
     return _decide(
@@ -224,7 +224,7 @@ def patch_submission(
 def get_edits(
     services: ServicesOf, principal: Reader, submission_id: SubmissionId
 ) -> tuple[SubmissionEditView, ...]:
-    """List what the team changed of what it says: who, when, before and after; newest first."""
+    """List the edits of a submission's description: who, when, before and after; newest first."""
     with services.database.read() as session:
         find_submission(session, submission_id, team_id=own_team(principal))
         return edits_of(session, submission_id)
@@ -236,7 +236,7 @@ def get_edits(
 def withdraw_submission(
     services: ServicesOf, principal: Submitter, submission_id: SubmissionId
 ) -> SubmissionView:
-    """Take a submission off the board; withdrawing twice is one."""
+    """Withdraw a submission from the board; idempotent."""
     return _decide(services, principal, submission_id, withdraw, by_organizers=True)
 
 
@@ -255,11 +255,11 @@ def withdraw_submission(
 def confirm_submission(
     services: ServicesOf, principal: Submitter, submission_id: SubmissionId
 ) -> SubmissionView:
-    """Say yes to what was asked of an upload with `asks_first`: a new submission of it counts.
+    """Confirm an upload that was sent with `asks_first`, as a new submission that counts; idempotent.
 
-    Confirming twice is one. The deadline is judged by the first byte of the upload, if that came
-    within a quarter of an hour. Where it would replace another entry than it was asked about, the
-    answer is the same submission with that question: confirm it again.
+    The deadline is judged by the first byte of the upload, if that came within the last 15 minutes.
+    If it would now replace another entry than the one asked about, the response is the same
+    submission with the new question: confirm it again.
     """
     return confirmed_upload(services, principal, submission_id)
 
@@ -271,10 +271,10 @@ def choose_submission(
     submission_id: SubmissionId,
     rule: Annotated[RunRule, Query(description="which run of the method stands")] = "this",
 ) -> SubmissionView:
-    """Say which run stands on the board; the last word before the deadline counts.
+    """Choose which run counts on the board; the last choice before the deadline holds.
 
-    In a phase that shows one entry of each team this submission stands for it. In one that lets teams
-    choose the run of a method, this run stands, or the method's best or newest one.
+    In a phase that shows one entry of each team, this submission becomes that entry. In one that lets
+    teams choose the run of a method, this run counts, or the method's best or newest one.
     """
     return _decide(services, principal, submission_id, partial(choose, rule=rule))
 
@@ -286,7 +286,7 @@ def publish_submission(
     submission_id: SubmissionId,
     replace: Annotated[bool, Query(description="it may take the place of a public run")] = False,
 ) -> SubmissionView:
-    """Put an entry on the board, in a phase that keeps entries private until then."""
+    """Publish an entry on the board, in a phase that keeps entries private until then."""
     return _decide(services, principal, submission_id, publish, replace=replace)
 
 

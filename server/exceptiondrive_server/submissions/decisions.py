@@ -103,7 +103,7 @@ def decide(
 
 
 def _standing(session: Session, submission: Submission) -> dict[str, SubmissionView]:
-    """Return the entries of its team that stand in its phase, by their ids; who publishes another waits."""
+    """Return, by id, the entries of its team in its phase, under the team's lock."""
     hold_team(session, submission.team_id)
     phase = session.get_one(Phase, submission.phase_id)
     public = _public(session, submission, phase)

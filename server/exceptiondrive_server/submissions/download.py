@@ -165,9 +165,9 @@ def tar_stream(members: Iterable[tuple[str, bytes]], at: datetime | None = None)
 
 
 def written_down(parts: Iterable[bytes]) -> Iterator[bytes]:
-    """Write all parts into a file that nobody else sees, at once; yield it in pieces.
+    """Write all parts into a temporary file, then yield it in chunks.
 
-    So a slow reader holds no transaction, and what is large stands in no memory.
+    So a slow reader holds no transaction open, and large data is not kept in memory.
     """
     with ExitStack() as until_whole:
         file = until_whole.enter_context(TemporaryFile())

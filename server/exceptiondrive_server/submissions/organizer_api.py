@@ -55,7 +55,7 @@ def get_archive(
 
 @router.get("/submissions/{submission_id}", operation_id="showStory")
 def get_story(services: ServicesOf, submission_id: SubmissionId) -> SubmissionStory:
-    """Show a submission with everything that ever happened to it."""
+    """Get a submission with its whole history."""
     with services.database.read() as session:
         return story_of(session, submission_id)
 
@@ -69,7 +69,7 @@ def get_story(services: ServicesOf, submission_id: SubmissionId) -> SubmissionSt
 def get_file(
     request: Request, services: ServicesOf, organizer: Organizer, submission_id: SubmissionId
 ) -> Response:
-    """Give the bytes that a team sent; the audit log says who had them."""
+    """Download the bytes that a team sent; the audit log records who did."""
     return any_upload(request, services, organizer, submission_id)
 
 
@@ -90,7 +90,7 @@ def get_folder(services: ServicesOf, organizer: Organizer, submission_id: Submis
 def post_verify(
     services: ServicesOf, organizer: Organizer, submission_id: SubmissionId, action: Action
 ) -> VerificationView:
-    """Recompute its score from the upload, and demand every bit again; nothing is changed."""
+    """Recompute its score from the upload, and compare every bit; nothing is changed."""
     with services.database.write() as session:
         run = verify_submission(session, submission_id, reason=action.reason, actor=organizer.actor)
         return verification_view(session, run.id)
@@ -100,7 +100,7 @@ def post_verify(
 def post_restore(
     services: ServicesOf, organizer: Organizer, submission_id: SubmissionId, action: Action
 ) -> SubmissionView:
-    """Let a withdrawn submission stand again, at its old place in time."""
+    """Restore a withdrawn submission, with its original time."""
     with services.database.write() as session:
         restore_submission(session, submission_id, reason=action.reason, actor=organizer.actor)
     with services.database.read() as session:
@@ -113,7 +113,7 @@ def post_restore(
 def post_note(
     services: ServicesOf, organizer: Organizer, submission_id: SubmissionId, note: Note
 ) -> NotificationView:
-    """Tell its team something about it: in its inbox, and at every confirmed address."""
+    """Write to the team of a submission about it: to its inbox and every confirmed address."""
     with services.database.write() as session:
         told = write_about(session, submission_id, words=note.words, actor=organizer.actor)
         return NotificationView.model_validate_json(told.body)

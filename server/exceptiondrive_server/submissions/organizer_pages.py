@@ -51,9 +51,9 @@ Choice = Annotated[str, Query(max_length=64)]
 Action = Literal["retry", "verify", "restore", "note"]
 WORDS = FormField(
     "words",
-    "What the team is told",
+    "Message to the team",
     "lines",
-    "in its inbox, and at every confirmed address; a blank line begins a paragraph",
+    "for its inbox and every confirmed address; a blank line separates paragraphs",
     is_required=True,
     max_length=4000,
 )
@@ -168,8 +168,8 @@ def action_on(services: ServicesOf, submission_id: SubmissionId, action: Action)
     step = Step(
         section="submissions",
         title=f"Try {method} again",
-        meaning="It is queued again with all its attempts, at its old place in time, and counts in the "
-        "quota of its day, as what failed did not; where that is used up it is refused.",
+        meaning="It is queued again with all its attempts, at its original time, and counts towards the "
+        "quota of that day, which a failed one does not; if that is used up, this is refused.",
         button="Try again",
         back=f"/organize/submissions/{submission.id}",
         back_words="The submission",
@@ -186,7 +186,7 @@ def action_on(services: ServicesOf, submission_id: SubmissionId, action: Action)
             return replace(
                 step,
                 title=f"Recompute {method}",
-                meaning="A worker scores the upload anew under the protocol and split revision that "
+                meaning="A worker scores the upload again under the protocol and split revision that "
                 "the phase shows, and compares every bit with the sheet. Nothing is changed.",
                 button="Recompute",
                 take=partial(verify_submission, submission_id=submission_id),
@@ -197,9 +197,9 @@ def action_on(services: ServicesOf, submission_id: SubmissionId, action: Action)
             return replace(
                 step,
                 title=f"Restore {method}",
-                meaning="It stands again at its old place in time, with the score that was kept; where "
-                "none is kept under the present protocol, it is scored. No quota is touched. What was "
-                "withdrawn before the deadline is refused once hidden scores are revealed.",
+                meaning="It returns at its original time, with the score that was kept; if none was kept "
+                "under the present protocol, it is scored. No quota is used. Once hidden scores are "
+                "revealed, what was withdrawn before the deadline can no longer be restored.",
                 button="Restore",
                 facts=(("Withdrawn", minute(at)),) if at is not None else (),
                 take=partial(restore_submission, submission_id=submission_id),
@@ -210,7 +210,7 @@ def action_on(services: ServicesOf, submission_id: SubmissionId, action: Action)
                 step,
                 title=f"Write to the team about {method}",
                 meaning="The team reads it among its notices, with a link to the submission. No address "
-                "is shown to you; the audit log keeps that you wrote, and a digest of the words.",
+                "is shown to you; the audit log records that you wrote, and a digest of the text.",
                 button="Send",
                 fields=(WORDS,),
                 command=f'{of} --words "…"',

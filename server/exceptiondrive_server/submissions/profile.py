@@ -8,7 +8,7 @@ from exceptiondrive_server.web.services import Services
 
 
 def asked_for_profile(services: Services, seen: SubmissionView) -> SubmissionView:
-    """Ask what the file of a submission looks like, unless it is told or somebody asked before."""
+    """Request the profile of a submission's file, unless it is there or already requested."""
     is_told = seen.report is not None or seen.awaits_profile
     if is_told or seen.status is not SubmissionStatus.SCORED:
         return seen

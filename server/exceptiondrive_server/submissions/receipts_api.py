@@ -38,7 +38,7 @@ def get_receipt_keys(services: ServicesOf) -> ReceiptKeys:
     ),
 )
 def get_receipt(services: ServicesOf, principal: Reader, submission_id: SubmissionId) -> Receipt:
-    """Give the signed receipt of a scored submission of one's own team."""
+    """Get the signed receipt of a scored submission of your own team."""
     with services.database.read() as session:
         found = find_submission(session, submission_id, team_id=own_team(principal))
         statement = statement_of(session, found)
@@ -53,7 +53,7 @@ def get_receipt(services: ServicesOf, principal: Reader, submission_id: Submissi
 def get_entry_receipt(
     services: ServicesOf, submission_id: SubmissionId, query: NamedBoard
 ) -> Receipt:
-    """Give the signed receipt of an entry to anyone: of a current board, or of the `board` that is named."""
+    """Get the signed receipt of an entry on a current board, or on the named `board`; public."""
     with services.database.read() as session:
         view = published_entry(session, submission_id, query)
         submission = find_submission(session, submission_id)

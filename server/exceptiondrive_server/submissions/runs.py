@@ -154,7 +154,7 @@ def _note(one: SubmissionView) -> str:
     if question := question_of(one, minute):
         return question
     if one.status is SubmissionStatus.REJECTED and one.report is not None:
-        return f"The file is wrong: {counted(one.report.n_faults, 'fault')}. No quota was spent."
+        return f"The file has {counted(one.report.n_faults, 'fault')}. No quota was spent."
     if one.failure is not None:
         return one.failure.message
     if because := one.no_rank_to_come or one.unranked_because:

@@ -296,7 +296,7 @@ def _require_store(session: Session, files: FileStore) -> None:
 
 
 def told_to(principal: Principal, seen: SubmissionView) -> SubmissionView:
-    """Return what who submits is told: without `read:own` neither scores nor ranks."""
+    """Return what the sender may see: without `read:own` neither scores nor ranks."""
     if Scope.READ_OWN in principal.scopes:
         return seen
     report = seen.report

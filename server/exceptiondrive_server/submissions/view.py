@@ -20,11 +20,11 @@ from exceptiondrive_server.web.numbers import minute
 from exceptiondrive_server.web.templating import template_filter
 
 _MEANING = {
-    SubmissionStatus.RECEIVED: "Kept. It cannot be lost any more.",
+    SubmissionStatus.RECEIVED: "Stored. It cannot be lost any more.",
     SubmissionStatus.QUEUED: "A worker has been called.",
     SubmissionStatus.SCORING: "A worker is scoring it.",
     SubmissionStatus.SCORED: "Every sample has been scored.",
-    SubmissionStatus.REJECTED: "The file is wrong. It cost no quota; all faults are listed below.",
+    SubmissionStatus.REJECTED: "The file has faults, all listed below. It cost no quota.",
     SubmissionStatus.FAILED: "We could not score it. It cost no quota, but counts among the day's files without a score; "
     "organizers have been told.",
     SubmissionStatus.WITHDRAWN: "Withdrawn. It stands on no board.",
@@ -68,7 +68,7 @@ def status_of(submission: SubmissionView) -> Status:
 
 
 def place_words(queue: QueuePlace) -> str:
-    """Say how many stand ahead and how long that may take; of a file in work, what if its worker is lost."""
+    """Say how many jobs are ahead and the expected wait; for a running job, what happens if its worker is lost."""
     if queue.workers_alive == 0:
         return f"{_ahead_words(queue.position)}; no worker can score it right now, it starts when one can"
     if queue.lease_until is not None:
@@ -79,7 +79,7 @@ def place_words(queue: QueuePlace) -> str:
 
 
 def steps_of(submission: SubmissionView) -> tuple[StatusStep, ...]:
-    """Return the way to the end: a file that was not scored ends with what happened to it."""
+    """Return the steps of a submission's progress; one that was not scored ends with its outcome."""
     status = submission.status
     if status in STEPS:
         now = STEPS.index(status)
@@ -112,36 +112,36 @@ def policy_sentences(
         yield f"On the board the team is {seen.known_as} until the organizers show names there."
     if seen.disqualified_at is not None:
         yield (
-            f"It is disqualified since {minute(seen.disqualified_at)} and stands on no further board; "
-            "the reason stands in the team's notices."
+            f"It has been disqualified since {minute(seen.disqualified_at)} and is on no later board; "
+            "the reason is in the team's notices."
         )
     if seen.is_late:
         yield "It came after the deadline, so it holds no rank and moves none."
     if seen.score_kept_back_since is not None:
         since = minute(seen.score_kept_back_since)
         yield (
-            f"It is scored. The board is frozen since {since}, and scores of what came later are kept "
+            f"It is scored. The board has been frozen since {since}, and scores of later submissions are kept "
             "back: this one is shown here when the organizers reveal the board, for which there is no "
             "date."
         )
     elif seen.status is SubmissionStatus.SCORED and seen.sheet is None:
         yield (
-            "Samples that were private count now; a score on them is shown for the entries that "
-            "stood on the board at the deadline alone."
+            "Samples that were private count now; scores on them are shown only for entries that were "
+            "on the board at the deadline."
         )
     if seen.confirmed_as is not None:
         yield f"Submission {seen.confirmed_as} is in its place: the team confirmed it or sent it again."
     elif seen.status is SubmissionStatus.WITHDRAWN and seen.disqualified_at is None:
         yield (
-            "While the phase takes files its file can be sent again, which takes quota anew; an "
-            "organizer can let this one stand again, though once hidden scores are revealed only what "
-            "was withdrawn after the deadline."
+            "While the phase takes files, this file can be sent again, which costs quota again. An "
+            "organizer can restore this submission, but once hidden scores are revealed only if it was "
+            "withdrawn after the deadline."
         )
     if seen.replaced_by is not None:
-        again = "" if has_closed else "; withdraw that one, and this one stands again"
+        again = "" if has_closed else "; withdraw that one, and this one counts again"
         yield f"Submission {seen.replaced_by} takes its place{again}."
     if because := seen.no_rank_to_come:
-        yield f"The next board is being built, where it has no rank: {because}."
+        yield f"The next board is being built; it has no rank there: {because}."
     elif seen.awaits_board:
         yield "The next board is being built; the rank is awaited."
     if seen.unranked_because is not None:
@@ -150,17 +150,17 @@ def policy_sentences(
         yield link_words(seen)
     if seen.is_chosen:
         once = "" if seen.is_published else "once it is public, "
-        yield f"The team chose it: {once}it stands on the board."
+        yield f"The team chose it: {once}it is on the board."
     elif policy.run_choice == "team" and policy.entries_shown == "all":
         yield RUN_RULES[seen.run_rule]
     if not seen.is_published:
-        yield "It is private: the team alone sees it, and it does not rank."
+        yield "It is private: only the team sees it, and it does not rank."
 
 
 def actions_of(
     seen: SubmissionView, policy: PhasePolicy, *, has_closed: bool, can_publish: bool
 ) -> tuple[tuple[str, str], ...]:
-    """Return what the team may say of a submission now: end of the address, and words."""
+    """Return the team's present options for a submission: end of the URL, and label."""
     if seen.is_asked:
         return (("confirm", "Confirm it"),)
     may_stand = seen.status is SubmissionStatus.SCORED and seen.disqualified_at is None
@@ -186,21 +186,21 @@ def _choices(seen: SubmissionView, policy: PhasePolicy) -> Iterator[tuple[str, s
             yield "choose", "Choose it for the board"
     elif policy.run_choice == "team":
         if not seen.is_chosen:
-            yield "choose", "Let this run stand"
+            yield "choose", "Let this run count"
         for rule in ("best", "newest"):
             if seen.run_rule != rule:
-                yield f"choose?rule={rule}", f"Let the {rule} run stand"
+                yield f"choose?rule={rule}", f"Let the {rule} run count"
 
 
 RUN_RULES: Mapping[RunRule, str] = {
-    "newest": "Of this method the newest run stands.",
-    "best": "Of this method the best run stands, by the samples that counted before the deadline.",
-    "this": "Of this method the run stands that the team chose.",
+    "newest": "The newest run of this method counts.",
+    "best": "The best run of this method counts, by the samples that counted before the deadline.",
+    "this": "The run of this method that the team chose counts.",
 }
 
 
 def standing(seen: SubmissionView, policy: PhasePolicy) -> str:
-    """Say in a word or two how it stands in the policy of its phase; empty: nothing to say."""
+    """Return its status in the policy of its phase in a word or two; empty if there is none."""
     if seen.status is not SubmissionStatus.SCORED:
         return ""
     words = (
@@ -223,7 +223,7 @@ def linked(text: str) -> Markup:
 
 @template_filter
 def left_words(quota: Quota) -> str:
-    """Say what is left: `3 of 5 left today, 12 of 20 in all; 20 wrong files left today`.
+    """Say what is left: `3 of 5 left today, 12 of 20 in all; up to 20 faulty files more today`.
 
     Where fewer are left in all than of the day, the day is not named.
     """
@@ -233,5 +233,5 @@ def left_words(quota: Quota) -> str:
     left = quota.left_of_rejected
     if left == 0:
         n_files = quota.rejected_today
-        return f"{words}; {n_files} files brought no score, which is the limit of a day"
-    return f"{words}; {left} wrong {'file' if left == 1 else 'files'} more may be sent today"
+        return f"{words}; {n_files} files brought no score, which is the daily limit"
+    return f"{words}; up to {left} faulty {'file' if left == 1 else 'files'} more today"

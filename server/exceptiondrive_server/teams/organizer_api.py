@@ -79,7 +79,7 @@ def get_teams(services: ServicesOf) -> list[TeamView]:
 
 @router.post("/teams", operation_id="createTeam", status_code=201)
 def post_team(services: ServicesOf, organizer: Organizer, team: NewTeam) -> TeamView:
-    """Make a team."""
+    """Create a team."""
     with services.database.write() as session:
         given = team.model_dump()
         return _team(make_team(session, given.pop("id"), **given, actor=organizer.actor))
@@ -87,7 +87,7 @@ def post_team(services: ServicesOf, organizer: Organizer, team: NewTeam) -> Team
 
 @router.post("/teams/{team_id}/approve", operation_id="approveTeam")
 def post_approval(services: ServicesOf, organizer: Organizer, team_id: TeamId) -> TeamView:
-    """Let a team that registered itself submit."""
+    """Approve a team that registered itself, so that it may submit."""
     with services.database.write() as session:
         return _team(approve_team(session, team_id, actor=organizer.actor))
 
@@ -96,7 +96,7 @@ def post_approval(services: ServicesOf, organizer: Organizer, team_id: TeamId) -
 def post_refusal(
     services: ServicesOf, organizer: Organizer, team_id: TeamId, action: Action
 ) -> TeamView:
-    """Refuse a registration: the team and its tokens go, the reason stays in the audit log."""
+    """Refuse a registration: the team and its tokens are deleted, the reason stays in the audit log."""
     with services.database.write() as session:
         refused = _team(find_team(session, team_id))
         refuse_team(session, team_id, reason=action.reason, actor=organizer.actor)
@@ -115,7 +115,7 @@ def get_tokens(services: ServicesOf, team_id: TeamId) -> list[TokenView]:
 def post_token(
     services: ServicesOf, organizer: Organizer, team_id: TeamId, token: NewToken
 ) -> IssuedToken:
-    """Issue a token for a team; its text is answered once."""
+    """Issue a token for a team; its text is shown only in this response."""
     with services.database.write() as session:
         text, made = issue_token(
             session,
@@ -134,7 +134,7 @@ def post_token(
 def post_revocation(
     services: ServicesOf, organizer: Organizer, token_id: Annotated[str, Path(max_length=64)]
 ) -> RevokedToken:
-    """Revoke a token for good; `still_work` says which it made."""
+    """Revoke a token for good; `still_work` lists live tokens it issued."""
     with services.database.write() as session:
         token = revoke_token(session, token_id, actor=organizer.actor)
         left = left_behind(session, f"token:{token.id}", token.team_id)

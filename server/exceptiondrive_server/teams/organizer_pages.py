@@ -44,13 +44,13 @@ from exceptiondrive_server.web.organizer_frame import (
 from exceptiondrive_server.web.path_ids import TeamId
 
 NEW_TEAM = (
-    FormField("id", "Id", hint="small letters, digits, hyphens; never changes", is_required=True,
+    FormField("id", "Id", hint="lower-case letters, digits, hyphens; cannot be changed later", is_required=True,
           max_length=64),
     FormField("name", "Name", hint="as the board shows it", is_required=True, max_length=80),
     FormField("affiliation", "Affiliation", hint="for organizers", max_length=MAX_AFFILIATION),
-    FormField("email", "E-mail", hint="for notices, once somebody there confirms it",
+    FormField("email", "E-mail", hint="for notices, once its owner confirms it",
               max_length=400),
-    FormField("is_reference", "A reference row", "yes", "stands on the board, never ranks"),
+    FormField("is_reference", "A reference row", "yes", "shown on the board, never ranked"),
 )  # fmt: skip
 NEW_TOKEN = (
     FormField("name", "Name", hint="what it is for", is_required=True, max_length=80),
@@ -195,7 +195,7 @@ def approval(services: ServicesOf, team_id: TeamId) -> Step:
     return _registration(
         team,
         title=f"Approve {team.name}",
-        meaning="The team may submit from now on; its inbox says so.",
+        meaning="The team can submit from now on; its inbox says so.",
         button="Approve",
         command=f"exceptiondrive organizer teams approve {team.slug}",
         take=partial(approve_team, slug=team_id),
@@ -212,8 +212,8 @@ def refusal_of(services: ServicesOf, team_id: TeamId) -> Step:
         team,
         title=f"Refuse {team.name}",
         meaning="The team and its tokens are removed; its id and name are free again. The reason "
-        "stays in the audit log. A person who signs in reads that it was refused, not why: write to "
-        "them if you wish.",
+        "stays in the audit log. Members who sign in see that it was refused, but not why: write to "
+        "them if you want to.",
         button="Refuse",
         fields=(REASON,),
         command=f'exceptiondrive organizer teams refuse {team.slug} --reason "…"',
@@ -229,7 +229,7 @@ def _registration(team: Team, **words: Any) -> Step:
         section="teams",
         back=f"/organize/teams/{team.slug}",
         back_words="The team",
-        facts=(("Id", team.slug), ("They say", team.registration_note or "nothing")),
+        facts=(("Id", team.slug), ("Their note", team.registration_note or "nothing")),
         **words,
     )
 
@@ -243,7 +243,7 @@ def revocation(services: ServicesOf, token_id: TokenId) -> Step:
         (seen,) = token_views(session, [token], token.team_id)
         left = left_behind(session, f"token:{token.id}", token.team_id)
         made = [f"{one.name} ({one.prefix})" for one in left]
-    works_on = " What was made with it works on: revoke these too, if they are not wanted."
+    works_on = " Tokens made with it keep working: revoke these too, if they are not wanted."
     return Step(
         section="teams",
         title=f"Revoke {token.name}",
@@ -255,9 +255,9 @@ def revocation(services: ServicesOf, token_id: TokenId) -> Step:
         facts=(
             ("Begins with", token.prefix),
             ("Team", "none: an organizer's" if team is None else team.name),
-            ("May", ", ".join(token.scopes)),
+            ("Scopes", ", ".join(token.scopes)),
             ("Made by", seen.made_by),
-            *([("Made with it, and works on", ", ".join(made))] if made else ()),
+            *([("Tokens made with it", ", ".join(made))] if made else ()),
         ),
         command=f"exceptiondrive organizer teams revoke-token {token.id}",
         is_grave=True,

@@ -32,7 +32,7 @@ COOKIES = ("__Host-session", "session")
 
 
 class Holder(StrEnum):
-    """Whom a cookie is for. It decides which links pages show, and no right: those are recorded."""
+    """The kind of holder of a cookie. It decides which links pages show, but grants no rights."""
 
     VISITOR = "v"
     """Nobody signed in; the secret is what the sign-in form is bound to."""
@@ -76,7 +76,7 @@ class SignInNeeded(Exception):  # noqa: N818 - named for what it asks
 
 
 class Elsewhere(Exception):  # noqa: N818 - no error: it says where to
-    """What a browser asked for stands at another address, or another page is for who asked."""
+    """Raised to redirect a browser to another page."""
 
     def __init__(self, address: str, status: int = 303) -> None:
         self.address = address

@@ -61,7 +61,7 @@ class PublicCompression:
 
 
 def _say_that_it_varies(headers: MutableHeaders) -> None:
-    """A 304 says of its 200 what caches go by (RFC 9110 15.4.5); it has no body that would tell."""
+    """Add `Vary` to a 304, as to its 200 (RFC 9110 15.4.5)."""
     if "accept-encoding" not in headers.get("vary", "").lower():
         headers.add_vary_header("Accept-Encoding")
 

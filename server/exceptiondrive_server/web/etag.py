@@ -31,9 +31,9 @@ def conditional(
     max_age_s: int | None = None,
     headers: Mapping[str, str] | None = None,
 ) -> Response:
-    """Answer with the body, or with 304 if the asker's copy is the same.
+    """Respond with the body, or with 304 if the client's copy is the same.
 
-    A body that is dear to make is a function, called only if needed. The `etag` stands for it, by
+    A body that is expensive to make is a function, called only if needed. `etag` identifies it, by
     default its digest. Without `max_age_s` the headers say for how long caches may keep it.
     """
     if not etag:

@@ -51,7 +51,7 @@ REASON = FormField(
     "reason",
     "Reason",
     "lines",
-    "stands in the audit log, with your name",
+    "kept in the audit log, with your name",
     is_required=True,
     max_length=1000,
 )
@@ -79,7 +79,7 @@ def _filled(field: FormField, texts: Mapping[str, str], kept: Mapping[str, str])
 
 
 def posted_texts(form: FormData) -> dict[str, str]:
-    """Return what was typed, to be shown again; several ticks of one name stand in one text."""
+    """Return what was typed, to be shown again; several ticks of one name are joined in one text."""
     return {
         name: " ".join(value for value in form.getlist(name) if isinstance(value, str))
         for name in form
@@ -118,8 +118,8 @@ def read_form(
         raise InvalidRecord(" ".join(faults))
     if changed_twice:
         raise Conflict(
-            f"Changed since this page was shown: {'; '.join(changed_twice)}. What you typed still "
-            "stands below; send it again to have it so."
+            f"Changed since this page was shown: {'; '.join(changed_twice)}. What you typed is "
+            "still below; send it again to replace that."
         )
     return values
 
@@ -189,7 +189,7 @@ def _in_short(field: FormField, kept: Mapping[str, str]) -> str:
 
 
 def _text_digest(text: str) -> str:
-    """Return what stands for a text, however a browser ends its lines."""
+    """Return a digest of a text that ignores how a browser ends lines."""
     plain = text.replace("\r\n", "\n").strip()
     return hashlib.sha256(plain.encode()).hexdigest()[:16]
 

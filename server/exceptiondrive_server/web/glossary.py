@@ -13,7 +13,7 @@ _DIRECTIONS = {
 
 
 class Term(NamedTuple):
-    """A word as it stands on a page, and what it means."""
+    """A term as shown on a page, and its meaning."""
 
     title: str
     meaning: str
@@ -34,22 +34,23 @@ _WORDS = {
         "Rank and its range",
         "The rank is by the metric that the protocol names first, then by the next; equal numbers share "
         "a rank. A range such as 1\u20133 beside it says which ranks the entry could have, given how much the scenes vary: "
-        "other scenes of the same kind could have put it anywhere in there. Of a withheld split it follows "
-        "from the intervals as they are told, so it can be wider than a comparison sample by sample says. "
-        "Each pair is judged by itself: of many entries that are nearly equal some have a range that is too "
-        "narrow, at times the truly best one a range without 1.",
+        "other scenes of the same kind could have put it anywhere in there. For a withheld split it follows "
+        "from the rounded intervals, so it can be wider than a comparison sample by sample would make it. "
+        "Each pair is judged by itself: among many nearly equal entries, some get a range that is too "
+        "narrow, and the truly best one may get a range without 1.",
     ),
     "interval": Term(
         "\u00b1 and bars",
-        "How far a number moves when the scenes are drawn anew: in at least 95 of 100 such draws it stays "
+        "How far a number moves with another draw of the scenes: in at least 95 of 100 such draws it stays "
         "within the bar of a 95 % interval. A share that no draw moves from 0 or 100 % has Wilson's interval, by "
         "the number of scenes. \u00b1 is the distance from the number to the farther end of the bar; "
-        "where the other is much nearer, \u2212 and + tell both; + or \u2212 alone: it reaches to that side only. Of withheld splits the ends are told outward to whole per cents.",
+        "if the other end is much nearer, \u2212 and + give both; + or \u2212 alone means that it reaches to that "
+        "side only. For withheld splits, the ends are rounded outward to whole per cents.",
     ),
     "outcome": Term(
         "What happened",
         "All samples of a row, in parts that sum to 100 %. The small squares below are the hazard "
-        "families, stronger in colour where the first metric is better.",
+        "families; a stronger colour means a better value of the first metric.",
     ),
     "original": Term(
         "Original scene",
@@ -57,17 +58,17 @@ _WORDS = {
     ),
     "with_hazard": Term(
         "Scene with hazard",
-        "The same scene after a hazard was put into its pictures: a child on the road, a closed lane, "
+        "The same scene after a hazard was added to its pictures: a child on the road, a closed lane, "
         "a signal that changed. The paper calls it the edited scene.",
     ),
     "sample": Term(
         "Sample",
-        "One scene and one hazard that was put into it. A scene can stand in several samples, each with "
+        "One scene and one hazard added to it. A scene can be part of several samples, each with "
         "another hazard.",
     ),
     "family": Term(
         "Hazard family",
-        "Kinds of hazard that are alike form a family, such as things that suddenly come onto the road.",
+        "A group of similar kinds of hazard, such as things that suddenly come onto the road.",
     ),
     "required_clearance": Term(
         "Required clearance",
@@ -75,7 +76,7 @@ _WORDS = {
     ),
     "flag": Term(
         "Flag",
-        "A sign that the numbers of a row mean less than they say, such as one that always stands "
+        "A warning that the numbers of a row mean less than they seem to, for example because it always stands "
         "still. With most flags a row is never named as the best; with those that the protocol lists it takes "
         "no rank.",
     ),
@@ -90,7 +91,7 @@ _WORDS = {
     ),
     "split": Term(
         "Split",
-        "A named set of samples. Of a withheld one nobody outside knows where the hazards lie.",
+        "A named set of samples. Of a withheld split, only the organizers know the hazard regions.",
     ),
     "protocol": Term(
         "Protocol",
@@ -99,7 +100,7 @@ _WORDS = {
     ),
     "paired": Term(
         "Compared sample by sample",
-        "Both answered the same samples, so chance that hits both alike drops out. That settles "
+        "Both answered the same samples, so chance that affects both equally cancels out. That settles "
         "more than a look at two intervals.",
     ),
     "coverage": Term(

@@ -29,7 +29,7 @@ class KeptPage:
 
 
 class KeptPages:
-    """The pages that were asked for last, by what of a request they depend on."""
+    """Recently requested pages, by the parts of a request that they depend on."""
 
     def __init__(self, room_bytes: int = ROOM_BYTES) -> None:
         self._pages: Memory[Hashable, KeptPage] = Memory(room_bytes)

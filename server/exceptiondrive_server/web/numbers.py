@@ -100,7 +100,7 @@ class Digits:
         return " to ".join([write(metric, end) or "" for end in interval])
 
     def best(self, metric: Metric, values: Iterable[float | None]) -> str | None:
-        """Write the best of some values; None where none is known or no way is better."""
+        """Return the best of some values; None if none is known or the metric has no better direction."""
         known = [value for value in values if value is not None]
         if not known or metric.better is None:
             return None
@@ -116,7 +116,7 @@ def unit_of(metric: Metric) -> str:
 
 
 def heading(metric: Metric) -> str:
-    """Return what stands above a column of a metric: `HCC %`."""
+    """Return the column heading of a metric: `HCC %`."""
     return f"{metric.label} {unit_of(metric)}"
 
 

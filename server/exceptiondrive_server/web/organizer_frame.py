@@ -22,41 +22,41 @@ DONE: Mapping[str, str] = {
     "team_created": "The team is created. Issue its first token below, and hand it over.",
     "team_approved": "The team is approved: it may submit.",
     "team_refused": "The registration is refused. The team and its tokens are gone.",
-    "team_changed": "The team is changed. New boards show it, and earlier ones stay as they are.",
-    "teams_merged": "The two are one team. Boards with its new entries are being built.",
-    "team_forgotten": "The team is forgotten: an alias stands wherever it was named.",
+    "team_changed": "The team is changed. New boards show the change; earlier ones stay as they are.",
+    "teams_merged": "The two teams are merged. Boards with the new entries are being built.",
+    "team_forgotten": "The team is forgotten: an alias replaces its name everywhere.",
     "allowance_set": "The allowance is set, and the team is told.",
     "disqualified": "Disqualified. The next board leaves it out, and the team is told.",
-    "reinstated": "Reinstated. The next board shows what no other disqualification keeps off it.",
-    "message_sent": "The message stands in the inboxes, and goes to the confirmed addresses.",
+    "reinstated": "Reinstated, unless another disqualification still applies: the next board shows it.",
+    "message_sent": "The message is in the inboxes and on its way to the confirmed addresses.",
     "token_revoked": "The token is revoked. It no longer works.",
     "phase_created": "The phase is created.",
-    "phase_created_over": "The phase is created, and takes no files: its deadline has passed. Set a "
-    'later one under "Closes at", unless that is meant.',
-    "nothing_changed": "Nothing was changed: all is as it was.",
+    "phase_created_over": "The phase is created but accepts no files: its deadline has passed. Unless "
+    'you intended that, set a later one under "Closes at".',
+    "nothing_changed": "Nothing was changed.",
     "site_changed": "The links are changed: every page shows them from now on.",
-    "phase_changed": "The phase is changed; the audit log says from what to what.",
+    "phase_changed": "The phase is changed; the audit log has the old and new values.",
     "news_published": "The news is published, and the teams are told.",
-    "news_withdrawn": "The news is withdrawn: readers see it no more.",
-    "reported_imported": "The rows are imported: they stand on the page of reported rows, unranked.",
-    "reported_withdrawn": "The rows are withdrawn: readers see them no more.",
+    "news_withdrawn": "The news is withdrawn: readers no longer see it.",
+    "reported_imported": "The rows are imported: they are on the page of external boards, unranked.",
+    "reported_withdrawn": "The rows are withdrawn: readers no longer see them.",
     "question_answered": "The question is answered.",
-    "role_set": "The role is set. It counts from the next request on.",
-    "person_forgotten": "The person is forgotten: their id alone stays.",
+    "role_set": "The role is set. It applies from the next request on.",
+    "person_forgotten": "The person is forgotten: only their id is kept.",
     "phase_deleted": "The phase is deleted. The audit log keeps its name and your reason.",
     "submission_retried": "The submission is queued again, with all its attempts, and the team is told.",
-    "submission_verified": "A worker recomputes it; what came of it stands below when it is done.",
-    "submission_restored": "The submission stands again, and the team is told.",
+    "submission_verified": "A worker recomputes it; the outcome will appear below.",
+    "submission_restored": "The submission is restored, and the team is told.",
     "team_told": "Sent. The team finds it among its notices.",
     "protocol_added": "The protocol is added. No score changes until you rescore with it.",
     "protocol_deleted": "The protocol is deleted; its version may be used again.",
-    "protocol_known": "This very document is there already. Nothing was added.",
-    "protocol_confirmed": "The confirmation is kept. Workers believe it if its key is one of the split's.",
+    "protocol_known": "This exact document is already there. Nothing was added.",
+    "protocol_confirmed": "The confirmation is stored. Workers accept it if its key is one of the split's.",
     "confirmation_withdrawn": "The confirmation is withdrawn.",
     "run_drafted": "The run is drafted. Nothing is scored until you start it.",
     "run_started": "Scoring has begun, behind fresh submissions.",
-    "run_paused": "The run is paused: no further sheet begins.",
-    "run_resumed": "The run goes on, and failed sheets are tried again.",
+    "run_paused": "The run is paused: no further sheet is started.",
+    "run_resumed": "The run continues, and failed sheets are tried again.",
     "run_cancelled": "The run is cancelled. The public board never changed.",
     "run_applied": "Applied: readers see the new board from now on.",
     "run_rolled_back": "Rolled back: readers see the earlier protocol's board again.",
@@ -123,7 +123,7 @@ def organizer_page(
 
 
 def _sections(principal: Principal) -> tuple[tuple[str, str, str], ...]:
-    """Whoever is confined to phases is led to these alone."""
+    """The sections of the menu; an organizer confined to phases sees only theirs."""
     if principal.is_organizer:
         return SECTIONS
     return tuple((each, each, f"/organize/phases/{each}") for each in sorted(principal.phases))
@@ -136,7 +136,7 @@ def go(path: str, done: str | None = None) -> Response:
 
 
 def has_text(find: str, *texts: str) -> bool:
-    """Whether each word that is looked for stands in one of the texts; no word: yes."""
+    """Whether each searched word is in one of the texts; True without words."""
     text = " ".join(texts).casefold()
     return all(word in text for word in find.casefold().split())
 

@@ -73,7 +73,9 @@ def require_right(request: Request, services: Services, principal: Principal) ->
         if principal.person_id is None:
             detail += f" It needs a token with the scope {Scope.ORGANIZE.value!r}."
         elif principal.team_id is not None:
-            detail += " You act for a team: an organizer chooses so on the page Team first."
+            detail += (
+                " You are acting for a team: first choose to act as an organizer on the page Team."
+            )
         raise ApiProblem(ProblemCode.NOT_ALLOWED, detail)
     needed = role_needed(request.method, _path_of(request))
     if not role.includes(needed):
@@ -119,11 +121,11 @@ def require_order_right(principal: Principal, change: PhaseChange) -> None:
         NotAllowed: It is one, and the role is confined to phases.
     """
     if "position" in change.model_fields_set and not principal.is_organizer:
-        raise NotAllowed("The order of all phases is set by organizers of the whole site.")
+        raise NotAllowed("Only organizers of the whole site can change the order of phases.")
 
 
 def _as_in_tables(path: str) -> str:
-    """Return a path as it stands below those of API and pages: an action is the same by both."""
+    """Return a path without the prefix of API or pages: an action is the same in both."""
     return path.removeprefix("/api/v1/organizer").removeprefix("/organize")
 
 

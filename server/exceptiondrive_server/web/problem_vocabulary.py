@@ -68,7 +68,7 @@ PROBLEMS: Mapping[ProblemCode, ProblemKind] = {
         2,
         in_browser=(
             "Check the address.",
-            "If it belongs to a team, sign in as somebody of that team; who is in several acts for one at a time.",
+            "If it belongs to a team, sign in as a member of it; if you are in several, choose that one.",
             "Otherwise start again from the leaderboard.",
         ),
     ),
@@ -83,20 +83,22 @@ PROBLEMS: Mapping[ProblemCode, ProblemKind] = {
     ),
     ProblemCode.CONFLICT: ProblemKind(
         409,
-        "The request contradicts what is recorded",
+        "The request conflicts with what is recorded",
         "Something with this name exists with other content, or the state has moved on since "
         "you looked. Protocols, boards and split revisions never change once they are used.",
         ("Look at the present state again.", "Choose another name or version."),
         4,
-        in_browser=("Open the page again: it shows how things stand now.",),
+        in_browser=("Open the page again: it shows the present state.",),
     ),
     ProblemCode.NOT_CONFIRMED: ProblemKind(
         409,
         "This has to be confirmed",
-        "What was asked for takes the place of an entry of the team on the board. Nothing was changed.",
-        ("If that is meant, send it again with `--replace`; in the API, with `replace` as true.",),
+        "The request would replace an entry of the team on the board. Nothing was changed.",
+        (
+            "If that is intended, send it again with `--replace`; in the API, with `replace` as true.",
+        ),
         2,
-        in_browser=("Go back, and say there that it may take the place.",),
+        in_browser=("Go back, and confirm there that it may replace the entry.",),
     ),
     ProblemCode.PHASE_CLOSED: ProblemKind(
         403,
@@ -123,7 +125,7 @@ PROBLEMS: Mapping[ProblemCode, ProblemKind] = {
     ),
     ProblemCode.UNSUPPORTED_MEDIA_TYPE: ProblemKind(
         415,
-        "This media type is not taken",
+        "This media type is not accepted",
         "Submissions travel as multipart/form-data; other requests travel as JSON.",
         (
             "Use `exceptiondrive submit`, or send the form as the API description shows it.",
@@ -151,8 +153,8 @@ PROBLEMS: Mapping[ProblemCode, ProblemKind] = {
         "day is capped.",
         (
             (
-                "Where files were rejected: `exceptiondrive check FILE --phase PHASE` finds "
-                "the same faults on your own machine. What could not be scored may be sent again as it is."
+                "If files were rejected: `exceptiondrive check FILE --phase PHASE` finds "
+                "the same faults on your own machine. Files that could not be scored may be sent again unchanged."
             ),
             "Submit again after 00:00 UTC.",
         ),
@@ -181,7 +183,7 @@ PROBLEMS: Mapping[ProblemCode, ProblemKind] = {
     ProblemCode.STORE_UNAVAILABLE: ProblemKind(
         503,
         "The service cannot do this right now",
-        "The database or the file store did not answer, or more files arrive than there are places for. "
+        "The database or the file store did not answer, or more files arrive at once than the server takes. "
         "Nothing was accepted, and nothing that was accepted before is lost.",
         ("Try again after the seconds in `Retry-After`; the client does so by itself.",),
         5,
@@ -191,11 +193,11 @@ PROBLEMS: Mapping[ProblemCode, ProblemKind] = {
         500,
         "We made an error",
         "The server met an error of its own. Operators find it in the logs by the request id.",
-        ("Try again later.", "If it stays, tell an organizer the `request_id`."),
+        ("Try again later.", "If it persists, tell an organizer the `request_id`."),
         5,
         in_browser=(
             "Load the page again in a minute.",
-            "If it stays, tell an organizer the request id above.",
+            "If it persists, tell an organizer the request id above.",
         ),
     ),
 }

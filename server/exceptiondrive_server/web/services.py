@@ -48,7 +48,7 @@ class SiteState:
         return self._said
 
     def forget(self) -> None:
-        """Read anew at the next page."""
+        """Forget the cached value, so that the next page reads it again."""
         self._read_at_s = -MAX_AGE_S
 
 

@@ -51,7 +51,7 @@ _LAST = re.compile(r"\{%\s*end(macro|block|call|set)\b")
 
 
 def marked(text: str, mark: str, tag: str) -> Markup:
-    """Set what stands between two marks in an element; everything is escaped."""
+    """Wrap text between two marks in an element; everything is escaped."""
     parts = str(escape(text)).split(mark)
     set_parts = [f"<{tag}>{part}</{tag}>" if i % 2 else part for i, part in enumerate(parts)]
     return Markup("".join(set_parts))
@@ -95,7 +95,7 @@ def condensed(source: str) -> str:
 
 
 def _is_seen(tokens: list[tuple[str | None, str]], index: int) -> bool:
-    """Whether a line break stands in running text."""
+    """Whether a line break is within running text."""
     before, after = tokens[index - 1] if index else None, _next_shown(tokens, index + 1)
     if before is None or after is None or before[0] == "statement" or after[0] == "closing":
         return False

@@ -147,8 +147,8 @@ def check_the_findings(text: str, board: Board) -> None:
     numbers = challenge_of(board).words.headline.leads.format(first=first, second=second)
     assert f"{leader.method}" in text
     of_all = f"{percent(leader.micro[metrics[1].key])} %"
-    numbers += " (mean of families)" + (
-        f"; of all samples it is {of_all}" if of_all != second else ""
+    numbers += ", as the mean of families" + (
+        f"; over all samples, {metrics[1].label} is {of_all}" if of_all != second else ""
     )
     assert f"{numbers}." in text or f"{numbers}; flagged" in text
     above = [entry for entry in ranked(board) if (entry.rank or 0) < (leader.rank or 0)]
@@ -578,7 +578,7 @@ def check_the_curve(page: Node, entry: BoardEntry) -> None:
     scale, _, offset = map(float, re.findall(r"-?[\d.]+", group["transform"])[3:])
     y = offset + scale * float(lines[0]["points"].split()[0].split(",")[1])
     assert (y - zero) / (top - zero) == pytest.approx(1 - (entry.metrics["ur"] or 0), abs=0.002)
-    said = re.search(rf"{entry.method}: (\S+) % keep all of it", sentence(page))
+    said = re.search(rf"{entry.method}: (\S+) % keep the required clearance", sentence(page))
     assert entry.method in [name.text for name in page.all("bdi")], "its numbers stay behind it"
     assert said is not None
     assert said[1] == percent(entry.metrics["clear"])

@@ -355,12 +355,12 @@ async def test_a_comparison_says_what_its_differences_are_of_and_how_many_are_ch
     answer = await paired_site.get("/compare?phase=sample&a=s0000000kq&b=s0000001kq")
     text = " ".join(answer.text.split())
     assert (
-        "on the samples that both define: of a metric that a sample can leave undefined, this need "
-        "not be the difference of the two means above."
+        "on the samples where both have a value: for a metric that can be undefined on a sample, this "
+        "may differ from the difference of the two means above."
     ) in text
     assert (
-        "Of equal planners with even differences, up to about 5 % of the lines look sure by chance; "
-        "more where one is mostly a little better and seldom far worse."
+        "Between equal planners with symmetric differences, up to about 5 % of the lines look certain by "
+        "chance, and more if one is usually a little better and rarely much worse."
     ) in text
 
 

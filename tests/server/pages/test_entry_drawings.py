@@ -167,7 +167,7 @@ async def test_strategy_entries_have_the_same_page_without_drawings(shown_site: 
 async def test_a_bar_is_told_part_by_part_in_the_words_of_its_key(shown_site: Any) -> None:
     text = " ".join((await shown_site.get("/entries/a0000000kq?phase=strategy")).text.split())
     assert (
-        "A bar is all samples of its line, in parts: acceptable; wrong, not too careless; too "
+        "Each bar splits the samples of its line into: acceptable; wrong, not too careless; too "
         "careless, or no answer."
     ) in text
 

@@ -54,7 +54,7 @@ def test_at_least_as_many_draws_as_the_words_say_lie_within_a_bar() -> None:
 
 def test_a_range_of_ranks_that_is_wider_than_a_comparison_is_explained() -> None:
     meaning = TERMS["rank"].meaning
-    assert "Of a withheld split it follows from the intervals as they are told" in meaning
+    assert "For a withheld split it follows from the rounded intervals" in meaning
     assert "Each pair is judged by itself" in meaning
     assert "planner" not in meaning, "it stands on boards of every challenge"
 

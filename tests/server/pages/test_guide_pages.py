@@ -96,7 +96,7 @@ async def test_the_page_of_a_protocol_says_what_differs_from_the_one_before(site
         add_protocol(session, packaged_protocol_toml("1.1"), "test")
     site.create_phase("second", protocol="1.1")
     page = (await site.get("/protocols/1.1")).text.split("What differs from 1.0</h2>")[1]
-    assert "<li>fewest scenes that an interval takes 2 -&gt; 5</li>" in page
+    assert "<li>fewest scenes for an interval 2 -&gt; 5</li>" in page
     assert "What differs" not in (await site.get("/protocols/1.0")).text
 
 

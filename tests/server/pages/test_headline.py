@@ -66,8 +66,8 @@ def test_the_title_counts_what_the_leader_hits(lively_board: Board, ur: float, t
 @pytest.mark.parametrize(
     ("ur", "said"),
     [
-        (0.586, " (mean of families); of all samples it is 58.60\u202f%."),
-        (None, " (mean of families)."),
+        (0.586, ", as the mean of families; over all samples, UR is 58.60\u202f%."),
+        (None, ", as the mean of families."),
     ],
 )
 def test_what_the_title_counts_is_told_beside_another_average(

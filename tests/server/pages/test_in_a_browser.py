@@ -104,7 +104,7 @@ def test_everything_can_be_read_without_script(visit: Visit) -> None:
         "Kestrel-2",
         "61.40",
         "Stands still",
-        "its own table",
+        "see its table",
         "Which hazards are hardest",
     ):
         assert page.get_by_text(words).first.is_visible()
@@ -492,7 +492,7 @@ def test_the_words_of_an_empty_card_stay_clear_of_its_edge_on_a_phone(visit: Vis
     edges = """() => {
       const card = document.querySelector("main").appendChild(document.createElement("div"));
       card.className = "card nothing-yet";
-      card.innerHTML = "<p>" + "Here people sign in with a token of the team. ".repeat(4) + "</p>";
+      card.innerHTML = "<p>" + "People sign in here with a token of the team. ".repeat(4) + "</p>";
       return [card, card.firstChild].map((part) => part.getBoundingClientRect().left);
     }"""
     card, words = page.evaluate(edges)
@@ -518,7 +518,7 @@ def test_in_forced_colours_marks_of_the_board_are_lines(visit: Visit) -> None:
 def test_the_best_number_is_told_in_words_too(visit: Visit) -> None:
     page = visit.open("/")
     assert page.locator("#board-rows td.hcc:has(.best)").text_content() == "61.4\u00b14.1, best"
-    sentence = "Highlighted: the best in its column that may lead."
+    sentence = "Highlighted: the best value in its column that may lead."
     assert sentence in page.inner_text(".foot")
     page.goto(f"{visit.address}/?source=reference")
     assert sentence not in page.inner_text(".foot")

@@ -48,7 +48,7 @@ def corners(step: str) -> list[tuple[float, float]]:
 def test_a_step_is_as_long_as_the_lead_and_as_high_as_its_value(width: int) -> None:
     chart = lead_chart(STORY, START + timedelta(days=20), HCC, Digits(), width=width)
     assert chart is not None
-    assert chart.description.startswith("HCC of who led, in per cent over time. 1 Mar")
+    assert chart.description.startswith("HCC of the leader, in per cent over time. 1 Mar")
     left, right = chart.frame.across
     ticks = [(float(tick.at), float(tick.text)) for tick in chart.y_ticks]
     (y0, v0), (y1, v1) = ticks[0], ticks[-1]

@@ -186,7 +186,7 @@ async def test_before_anything_is_drawn_the_page_says_so(lively_site: Any) -> No
 async def test_without_any_public_split_the_board_offers_no_scenes(lively_site: Any) -> None:
     assert 'id="scenes"' not in (await lively_site.get("/")).text
     words = read((await lively_site.get(SCENES)).text).text
-    assert "Nothing of this phase is drawn" in words
+    assert "This phase has no drawings" in words
     assert "#scenes" not in (await lively_site.get(SCENES)).text, "the board has no such place"
     assert "within seconds" not in words
     assert "One scene of each hazard family" not in words

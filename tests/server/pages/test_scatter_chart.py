@@ -83,7 +83,9 @@ def test_a_reference_over_twice_as_high_as_all_others_is_named_beside_the_pictur
     assert "FREEZE" not in chart.without
     page = BoardPage(BoardQuery.parse([]), (), None, board, PROTOCOL, ("1.0",), "1.0")
     assert page.shown is not None
-    assert ("at over twice the HCC of all others: FREEZE" in str(page.shown.charts)) is not is_drawn
+    assert (
+        "with over twice the HCC of all others: FREEZE" in str(page.shown.charts)
+    ) is not is_drawn
 
 
 def test_a_label_nearer_to_another_point_than_to_its_own_has_a_line() -> None:

@@ -117,7 +117,7 @@ def verdict_line(verdict: Verdict) -> str:
 
 
 def freeze_split(
-    out: Annotated[Path, typer.Argument(help="Folder for the files; it must not be there yet.")],
+    out: Annotated[Path, typer.Argument(help="Folder for the files; it must not exist yet.")],
     workshop: WorkshopFolder = Path(),
     previous: Annotated[
         Path | None, typer.Option(help="Split file of the revision before.")
@@ -200,7 +200,7 @@ def reopen(
         wrong = [key for key in sample_ids if key not in known or not known[key].verifications]
         if wrong:
             raise BuildError(
-                f"No region that was read in the workshop ({len(wrong):,}): {', '.join(wrong[:10])}."
+                f"Not a region that was read in the workshop ({len(wrong):,}): {', '.join(wrong[:10])}."
             )
         shop.records.append(
             *(
@@ -226,7 +226,7 @@ def withdraw(
         str, typer.Option(help="Why, in words for readers; --restore needs none and keeps none.")
     ] = "",
     workshop: WorkshopFolder = Path(),
-    restore: Annotated[bool, typer.Option(help="Take an earlier withdrawal back.")] = False,
+    restore: Annotated[bool, typer.Option(help="Undo an earlier withdrawal.")] = False,
 ) -> None:
     """Withdraw samples: in the next revision files still answer them, and no sheet counts them."""
     author, reason = Author(person=person_named(by)), " ".join(reason.split())

@@ -88,7 +88,7 @@ def register_all_splits(
     paths = splits.files()
     if not paths:
         raise SplitUnavailableError(
-            f"no split lies in {splits.folder.absolute()}, as NAME/split.json.gz. Run this where the "
+            f"there is no split in {splits.folder.absolute()}, as NAME/split.json.gz. Run this where the "
             "server was started, or name the folder: EXCEPTIONDRIVE_SPLITS_DIR"
         )
     current = {path.parent: path for path in reversed(paths)}
@@ -185,7 +185,7 @@ def _require_same_samples(earlier: Split, later: Split) -> None:
     raise SplitUnavailableError(
         f"This revision of split {later.name!r} lacks {len(before - after)} samples and has "
         f"{len(after - before)} that no file answers ({named}). A later revision holds the same "
-        'samples: mark those that count no more with "withdrawn": "why", or give another set of '
+        'samples: mark those that no longer count with "withdrawn": "why", or give another set of '
         "samples another name."
     )
 

@@ -120,7 +120,7 @@ def read_floors(folder: Path) -> SplitFloors:
         return _floors_of((folder / FLOORS_FILE).read_text("utf-8"))
     except FileNotFoundError:
         if not any(folder.glob("split*.json*")):
-            raise FloorsUnreadableError(f"no split lies in {folder.absolute()}") from None
+            raise FloorsUnreadableError(f"there is no split in {folder.absolute()}") from None
         return SplitFloors()
     except ValidationError as error:
         lines = "\n".join(faults_in(error))

@@ -300,7 +300,7 @@ class SplitStore:
                 raise SplitUnavailableError(
                     f"no file holds split {name} at the registered revision {revision}; found "
                     f"{', '.join(sorted(seen)) or 'no readable file'}. Nothing is scored against "
-                    "it until the file is back or the split is registered anew."
+                    "it until the file is back or the split is registered again."
                 )
         self._not_found_at_s.pop((name, revision), None)
         return self._split_of_revision[name, revision]

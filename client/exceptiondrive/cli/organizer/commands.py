@@ -35,7 +35,7 @@ from exceptiondrive_schemas.protocols.sense import nonsense
 from exceptiondrive_schemas.split import SplitRef
 
 ROLES = ("owner", "helper", "read-only")
-_LEFT = "tokens that they made work on"
+_LEFT = "tokens that they made keep working"
 FileArgument = Annotated[Path, argument("FILE", "Protocol document, TOML.")]
 
 
@@ -68,7 +68,7 @@ def diff_protocol(
     toml = given_bytes(file).text()
     found = organizer.rescoring.check_protocol(toml, phase)
     changes = [f"- {change['sentence']} ({change['stage']})" for change in found["changes"]]
-    lines = [*(changes or ["nothing that scores is changed"]), found["sentence"]]
+    lines = [*(changes or ["nothing that affects a score is changed"]), found["sentence"]]
     lines += [f"note: {found['remark']}"] if found.get("remark") else []
     return found, *lines
 
@@ -97,7 +97,9 @@ def similar(organizer: Organizer, phase: options.PhaseId) -> Answer:
         f"{utc_text(found.first_at)} to {utc_text(found.last_at)}"
         for found in report.probing
     )
-    pairs = records_table(rows, tuple(rows[0])) if rows else "no submissions of two teams are alike"
+    pairs = (
+        records_table(rows, tuple(rows[0])) if rows else "no submissions of two teams are similar"
+    )
     compared = f"{report.n_compared} submissions compared"
     return report, pairs, *probing, f"{compared}, {report.n_waiting} more after the next board"
 
@@ -116,11 +118,11 @@ def list_teams(organizer: Organizer) -> Answer:
 @with_organizer
 def create_team(
     organizer: Organizer,
-    team_id: Annotated[str, argument("ID", "Small letters, digits, dashes.")],
+    team_id: Annotated[str, argument("ID", "Lower-case letters, digits, hyphens.")],
     name: Annotated[str, argument("NAME", "As the board shows it.")],
     affiliation: Annotated[str, option("--affiliation", "TEXT", "For organizers.")] = "",
     email: Annotated[
-        str, option("--email", "ADDRESS", "For its notices, once somebody there confirms it.")
+        str, option("--email", "ADDRESS", "For its notices, once its owner confirms it.")
     ] = "",
     reference: Annotated[
         bool, flag("--reference", "Its entries are shown but never ranked.")
@@ -135,8 +137,8 @@ def create_team(
     )
     if with_token:
         team["token"] = organizer.issue_token(team_id, "first token")["token"]
-        say(f"team {team['id']} made; its token, shown this once:")
-    return team, team.get("token") or f"team {team['id']} made"
+        say(f"team {team['id']} created; its token, shown only once:")
+    return team, team.get("token") or f"team {team['id']} created"
 
 
 @with_organizer
@@ -213,7 +215,7 @@ def write_about(
 ) -> Answer:
     """Send its team a message about it: to its inbox and every confirmed address."""
     notice = organizer.write_about(submission_id, words)
-    return notice, f"{notice['team']} is told: notice {notice['id']}"
+    return notice, f"sent to {notice['team']}: notice {notice['id']}"
 
 
 @with_organizer
@@ -292,7 +294,7 @@ def add_protocol(organizer: Organizer, file: FileArgument) -> Answer:
     toml = given_bytes(file).text()
     known = {one["digest"] for one in organizer.protocols()}
     added = organizer.add_protocol(toml)
-    what = "is there already, nothing was added" if added["digest"] in known else "added"
+    what = "is already there; nothing was added" if added["digest"] in known else "added"
     return added, f"protocol {added['version']} {what}, {added['digest']}"
 
 
@@ -305,7 +307,7 @@ def protocol_key(key: KeyOption = None, json: options.Json = False) -> None:
     """Show your public key, for `floors.toml` of a split; a key is created if you have none."""
     path = key or default_key_path()
     public_key = make_key(path)
-    say(f"the private key lies at {path}: keep it from every server")
+    say(f"the private key is in {path}: keep it off every server")
     show_result({"public_key": public_key, "key": str(path)}, json, public_key)
 
 
@@ -414,10 +416,10 @@ def _verdict_words(verdict: dict[str, Any], is_cut: bool) -> str:
     whole = f"{verdict['n_lines']} lines, head {verdict['head']}"
     if is_cut:
         return (
-            "the audit log was CUT OFF or written anew: no line has the head that you kept; "
+            "the audit log was CUT OFF or rewritten: no line has the head that you kept; "
             f"it is a chain of {whole}"
         )
-    return f"the audit log is whole: {whole}"
+    return f"the audit log is intact: {whole}"
 
 
 @with_organizer
@@ -466,7 +468,7 @@ def set_role(
     person: Annotated[str, argument("PERSON", "Id of the person.")],
     role: Annotated[
         str | None,
-        one_of("--role", ROLES, "owner, helper or read-only; else none.", "ROLE"),
+        one_of("--role", ROLES, "owner, helper or read-only; without it, no role.", "ROLE"),
     ] = None,
     phase_ids: Annotated[
         list[str] | None, options.phase("Limits the role to this phase; may be repeated.", "ID")
@@ -475,7 +477,7 @@ def set_role(
     """Give a person an organizer's role, or take it away; it applies from their next request on."""
     told = organizer.set_role(person, role, phase_ids or ())
     left = [] if told["role"] else left_words(_LEFT, told)
-    return told, f"{told['name']}: {told['role'] or 'no organizer'}", *left
+    return told, f"{told['name']}: {told['role'] or 'not an organizer'}", *left
 
 
 @with_organizer
@@ -486,7 +488,7 @@ def forget_person(
     yes: options.Yes = False,
 ) -> Answer:
     """Remove a person from their teams and from the records; needs --yes without a terminal."""
-    be_sure(f"Forget {person} for good? Who signs in again is somebody new.", yes)
+    be_sure(f"Forget {person} for good? Whoever signs in again is somebody new.", yes)
     told = organizer.forget_person(person, reason)
     return told, f"person {person} is forgotten", *left_words(_LEFT, told)
 
@@ -556,12 +558,12 @@ GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
     ),
     "news": ("News of phases: page, feed and inboxes.", news_commands.NEWS),
     "people": (
-        "People and their organizers' roles.",
+        "People and their organizer roles.",
         {"list": list_people, "set": set_role, "forget": forget_person},
     ),
     "questions": ("Questions of teams, and answers.", news_commands.QUESTIONS),
     "site": (
-        "Links in header and footer of every page.",
+        "Links in the header and footer of every page.",
         {"show": show_site, "set": phases.with_settings(set_site, SiteLinks)},
     ),
     "splits": ("Registered splits.", {"list": list_splits}),

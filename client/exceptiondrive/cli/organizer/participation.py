@@ -1,4 +1,4 @@
-"""What organizers do with teams in a season: conduct, allowances, names, messages, many at once."""
+"""Commands for teams in a season: disqualification, allowances, names, messages, imports."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -20,12 +20,12 @@ ToldReason = Annotated[
     str, option("--reason", "TEXT", "Why; shown to the team and in the audit log.")
 ]
 PublicNote = Annotated[
-    str | None, option("--public-note", "TEXT", "Shown to readers; else they see nothing.")
+    str | None, option("--public-note", "TEXT", "Shown to readers; without it they see nothing.")
 ]
 LIMITS = (
     FormField("closes_at", "Own deadline", "moment", may_be_none=True),
-    FormField("quota_per_day", "Submissions a day", "whole", may_be_none=True),
-    FormField("quota_total", "Submissions in all", "whole", may_be_none=True),
+    FormField("quota_per_day", "Submissions per day", "whole", may_be_none=True),
+    FormField("quota_total", "Submissions in total", "whole", may_be_none=True),
 )
 
 
@@ -72,20 +72,22 @@ def change_team(
 def merge_teams(
     organizer: Organizer,
     team_id: options.TeamId,
-    into: Annotated[str, option("--into", "TEAM", "The team that stays.", offer=completion.teams)],
+    into: Annotated[
+        str, option("--into", "TEAM", "The team that remains.", offer=completion.teams)
+    ],
     reason: options.Reason,
     yes: options.Yes = False,
 ) -> Answer:
     """Merge a team into another one, with submissions, people and addresses; needs --yes without a terminal."""
     be_sure(
-        f"Make {team_id} part of {into} for good? Its tokens are revoked, and its allowances are not passed "
+        f"Merge {team_id} into {into} for good? Its tokens are revoked, and its allowances are not passed "
         f"on. {AFTER_A_MERGE}",
         yes,
     )
     merged = organizer.merge_teams(team_id, into, reason)
     n_moved = merged["n_submissions"]
     moved = counted(n_moved, "submission") if n_moved else "no submissions"
-    return merged, f"team {team_id} is part of {merged['id']} now, and brought {moved}"
+    return merged, f"team {team_id} is now part of {merged['id']}, and brought {moved}"
 
 
 @with_organizer
@@ -93,9 +95,9 @@ def forget_team(
     organizer: Organizer, team_id: options.TeamId, reason: options.Reason, yes: options.Yes = False
 ) -> Answer:
     """Remove everything personal about a team from the records; needs --yes without a terminal."""
-    be_sure(f"Forget {team_id} for good? An alias will stand on boards.", yes)
+    be_sure(f"Forget {team_id} for good? Boards will show an alias.", yes)
     team = organizer.forget_team(team_id, reason)
-    return team, f"the team is forgotten; it stands as {team['name']} ({team['id']})"
+    return team, f"the team is forgotten; boards show it as {team['name']} ({team['id']})"
 
 
 @with_organizer
@@ -107,7 +109,7 @@ def import_teams(
     text = options.given_file(file).text()
     made = organizer.import_teams(text)
     teams = made["teams"]
-    say(f"{counted(len(teams), 'team')} made, with tokens that are shown this once:")
+    say(f"{counted(len(teams), 'team')} created, with tokens that are shown only once:")
     return made, *(f"{team['id']},{team['token']}" for team in teams)
 
 
@@ -121,10 +123,10 @@ def set_allowance(
         str | None, option("--closes-at", "TIME|none", "2027-01-31T00:00:00Z")
     ] = None,
     quota_per_day: Annotated[
-        str | None, option("--quota-per-day", "N|none", "Submissions a day.")
+        str | None, option("--quota-per-day", "N|none", "Submissions per day.")
     ] = None,
     quota_total: Annotated[
-        str | None, option("--quota-total", "N|none", "Submissions in all.")
+        str | None, option("--quota-total", "N|none", "Submissions in total.")
     ] = None,
 ) -> Answer:
     """Set a team's own deadline and quota in a phase; `none` restores what all teams have."""
@@ -212,9 +214,7 @@ def send_message(
     if not (preview or yes):
         found = organizer.send_message(title, words, to or (), phase, is_preview=True)
         n_teams = counted(len(found["recipients"]), "team")
-        be_sure(
-            f"Send this to {n_teams}? It cannot be called back.", yes, nothing="Nothing was sent."
-        )
+        be_sure(f"Send this to {n_teams}? It cannot be recalled.", yes, nothing="Nothing was sent.")
     sent = organizer.send_message(title, words, to or (), phase, is_preview=preview)
     columns = ("team", "name", "n_emails", "n_webhooks")
     what = "sent to" if sent["is_sent"] else "would reach"

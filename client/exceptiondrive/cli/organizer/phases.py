@@ -1,4 +1,4 @@
-"""Phases from the command line: make, show, change, freeze, reveal.
+"""Commands for phases: create, show, change, freeze, reveal.
 
 The options of the settings are made from `PhaseSettings`: a further field is a further option.
 """
@@ -30,8 +30,8 @@ LONGEST_SHOWN = 100
 """Characters of a text that `show` prints; `--json` prints all."""
 REVEALED = {
     "board": "the newest board of {} is shown, and from now on each that follows",
-    "names": "teams and methods of {} stand under their names from its next board on",
-    "split": "Scoring of {} has begun; nobody sees it. Go on with: organizer rescore status, preview "
+    "names": "teams and methods of {} appear under their names from its next board on",
+    "split": "Scoring of {} has begun; readers do not see it. Continue with: organizer rescore status, preview "
     "and apply --preview DIGEST. The board changes when you apply.",
 }
 """What `reveal` may show, and what it says then."""
@@ -63,7 +63,7 @@ def create(
         one_of("--challenge", CHALLENGES, "Else that of --like, or planning.", "C"),
     ] = None,
     protocol: Annotated[
-        str | None, option("--protocol", "V", "Version or digest; else the usual one.")
+        str | None, option("--protocol", "V", "Version or digest; else the default.")
     ] = None,
     like: Annotated[
         str | None,
@@ -96,11 +96,11 @@ def create(
     phase = organizer.create_phase(wanted)
     notes = [f"its teams are told: {words}" for words in phase.get("not_checked", ())]
     if not phase["is_open"]:
-        notes.append("it takes no files now: look at its dates and visibility")
+        notes.append("it accepts no files now: check its dates and visibility")
     limits = f"protocol {phase['protocol']}, quota {phase['quota_per_day']} a day"
     if phase.get("quota_total") is not None:
         limits += f", {phase['quota_total']} in all"
-    made = f"phase {phase['id']} made, {phase['now']['n_counted']} samples, {limits}"
+    made = f"phase {phase['id']} created, {phase['now']['n_counted']} samples, {limits}"
     return phase, made, *notes
 
 
@@ -127,7 +127,7 @@ def update(organizer: Organizer, phase_id: PhaseArgument, **settings: Any) -> An
 def feature(organizer: Organizer, phase_id: PhaseArgument, reason: options.Reason) -> Answer:
     """Put a phase before all others: in lists, and on the front page."""
     phase = organizer.feature_phase(phase_id, reason)
-    return phase, f"phase {phase_id} stands before all others"
+    return phase, f"phase {phase_id} now comes before all others"
 
 
 @with_organizer
@@ -161,7 +161,7 @@ def import_reported(
         Path,
         argument("FILE", "CSV, such as the one of a board; - is stdin."),
     ],
-    title: Annotated[str, option("--title", "TEXT", "What the other board is called.")],
+    title: Annotated[str, option("--title", "TEXT", "Name of the other board.")],
     cite: Annotated[str, option("--cite", "TEXT", "Where it is: address or citation.")],
 ) -> Answer:
     """Import the rows of another board beside a phase, unranked: all of them, or none."""
@@ -188,7 +188,7 @@ def freeze(organizer: Organizer, phase_id: PhaseArgument, reason: options.Reason
     phase = organizer.freeze_phase(phase_id, reason)
     since = utc_text(phase["now"]["frozen_since"])
     reveal = f'organizer phases reveal {phase_id} --what board --reason "…"'
-    return phase, f"the board of {phase_id} is frozen since {since}; {reveal} shows it again"
+    return phase, f"the board of {phase_id} has been frozen since {since}; {reveal} ends the freeze"
 
 
 @with_organizer
@@ -206,8 +206,8 @@ def reveal(
     options.require_one_of("--what", what, REVEALED)
     if what == "board" and organizer.phase(phase_id)["policy"]["frozen_scores"] == "hidden":
         say(
-            "Once the deadline of the phase has passed, this reveal lets it move no more, and later ones "
-            f"of single teams end: {organizer.server}/organize/phases/{phase_id}/reveal-board names any."
+            "Once the deadline of the phase has passed, it can no longer move after this reveal, and later "
+            f"deadlines of single teams end: {organizer.server}/organize/phases/{phase_id}/reveal-board names any."
         )
     if what != "split":  # which a run shows, and can take back
         be_sure(f"Reveal the {what} of {phase_id} for good?", yes)

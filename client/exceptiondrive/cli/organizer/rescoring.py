@@ -86,7 +86,7 @@ def start(
             raise NetworkError(
                 error.code,
                 f"{error.sentence} The run {run.id} is drafted.",
-                "Once the server answers, begin it, or read that it has begun: "
+                "Once the server answers, start it, or see that it has started: "
                 f'organizer rescore begin {run.id} --reason "…"',
             ) from None
     return run, *run_lines(run)
@@ -155,7 +155,7 @@ def apply(
     run_id: RunArgument,
     reason: options.Reason,
     digest: Annotated[
-        str, option("--preview", "DIGEST", "Last line of the `preview` that you looked at.")
+        str, option("--preview", "DIGEST", "Last line of the `preview` that you checked.")
     ],
 ) -> Answer:
     """Show the new board, in one step; refused while anything is missing or stale."""
@@ -188,7 +188,7 @@ def follow_verification(rescoring: Rescoring, found: VerificationView, json: boo
     """
     sheets = counted(found.n_sheets, "sheet")
     say(f"verification {found.id} of {sheets}, protocol {found.protocol.version}")
-    say(f"it goes on by itself; exceptiondrive organizer rescore status {found.id} shows it, too")
+    say(f"it continues by itself; exceptiondrive organizer rescore status {found.id} shows it, too")
     found = _watch_verification(rescoring, found)
     show_result(found, json, *verification_lines(found))
     if found.n_equal != found.n_sheets:
@@ -227,14 +227,14 @@ def _wait_for_trial(rescoring: Rescoring, run: RunView) -> RunView:
         for n_polls in range(_MAX_POLLS):
             if run.trial is None or run.trial.state != "waiting":
                 return run
-            tell(f"run {run.id}: a worker is to try the split")
+            tell(f"run {run.id}: a worker will try the split")
             if n_polls:
                 time.sleep(_POLL_EVERY_S)
             run = rescoring.run(run.id)
     raise InvalidArgumentError(
         "not_tried",
         f"No worker has tried the split of run {run.id} within {_MAX_POLLS} s: it stays a draft.",
-        "Look whether a worker serves the lane rescore; then: "
+        "Check whether a worker serves the lane rescore; then: "
         f'organizer rescore begin {run.id} --reason "…"',
     )
 
@@ -419,7 +419,7 @@ COMMANDS: dict[str, Callable[..., None]] = {
         "start", "Begin to score a drafted run: the step `start` of pages and API."
     ),
     "status": status,
-    "pause": _step_command("pause", "Pause a run: no further sheet is begun."),
+    "pause": _step_command("pause", "Pause a run: no further sheet is started."),
     "resume": _step_command("resume", "Continue a run, and try failed sheets again."),
     "preview": preview,
     "apply": apply,

@@ -13,7 +13,7 @@ _NO_PAGES = ("/api/", "/healthz", "/readyz", "/metrics", "/static/")
 
 
 class PagePlaces:
-    """Lets a few pages be made at once; who waits holds no thread. A place is free as its answer begins."""
+    """Limits concurrent rendering of pages; waiting holds no thread. A slot is free once its response begins."""
 
     def __init__(self, app: ASGIApp) -> None:
         self.app = app
