@@ -58,7 +58,8 @@ class Outlook:
     @property
     def to_confirm(self) -> Mapping[str, str]:
         """What nobody may be surprised by, in a sentence; by the argument of `submit` that says yes."""
-        will_be_refused = self.is_closed or self.owes_terms or self.quota_error is not None
+        is_out = self.disqualified_at is not None or self.quota_error is not None
+        will_be_refused = self.is_closed or self.owes_terms or is_out
         if self.first is not None or will_be_refused:
             return {}
         from exceptiondrive_schemas.api.own_entries import to_confirm

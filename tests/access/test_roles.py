@@ -326,9 +326,10 @@ def test_no_page_offers_what_the_role_may_not_do(
     actions = {re.sub(r"/[0-9a-z]{16}/", "/ID/", path).partition("?")[0] for path in seen}
     assert ("/organize/submissions/ID/note" in actions) is not who.startswith("reader")
     assert ("/organize/submissions/ID/disqualify" in actions) is who.startswith("owner")
+    assert ("/organize/teams/alpha/allowances/dev" in actions) is who.startswith("owner")
     assert ("/organize/teams/waiting/approve" in actions) is (who in {"owner", "helper"})
     assert ("/organize/rescoring/ID/start" in actions) is who.startswith("owner")
-    for action in ("teams/alpha/merge", "teams/alpha/allowances/dev", "messages", "rescoring/new"):
+    for action in ("teams/alpha/merge", "messages", "rescoring/new"):
         assert (f"/organize/{action}" in actions) is (who == "owner"), action
     for action in ("phases/dev/reported/new", "phases/dev/news", "phases/dev/freeze"):
         assert (f"/organize/{action}" in actions) is who.startswith("owner"), action
@@ -447,6 +448,19 @@ def test_a_role_for_one_phase_takes_back_what_it_disqualified(
     sent = browser.post(back, {"reason": "It is its own."}, page=back)
     assert sent.headers["location"] == f"{page}?done=reinstated"
     assert any(link.endswith("/disqualify") for link in offered(browser.get(page).text))
+
+
+def test_a_role_for_one_phase_gives_an_allowance_and_is_led_to_its_phase(
+    site: "Api", browse: Callable[..., "TeamBrowser"]
+) -> None:
+    submission = site.submit("a").json()["id"]
+    browser = browse(site)
+    browser.sign_in("owner of dev")
+    links = offered(browser.get(f"/organize/submissions/{submission}").text)
+    (page,) = [link for link in links if link.endswith("/allowances/dev")]
+    sent = browser.post(page, {"quota_per_day": "7", "reason": "They were ill."}, page=page)
+    assert sent.headers["location"] == "/organize/phases/dev?done=allowance_set"
+    assert "The allowance is set" in browser.get(sent.headers["location"]).text
 
 
 def test_a_role_for_one_phase_moves_no_other_and_writes_to_no_team_of_another(

@@ -220,6 +220,11 @@ def test_check_says_what_an_upload_will_do(working: "Running", planning_file: Ma
     assert "it will be refused: your team is disqualified in this phase since 2" in told
     assert "will be ranked" not in told
     assert "nothing: disqualified since 2" in run(working, "phases").stdout
+    unanswered = [{"sample_id": f"s{n}", "source": None, "edited": None} for n in range(4)]
+    file = planning_file("empty.json", predictions=unanswered)
+    report = json.loads(run(working, *checked, "--json", str(file)).stdout)
+    assert report["unranked_because"] is not None
+    assert report["to_confirm"] == [], "what will be refused is not asked for"
 
 
 def test_a_withdrawal_asks_and_says_what_stands_again(

@@ -1,5 +1,6 @@
 """The feed says what changed as a board took the place of another."""
 
+from datetime import UTC, datetime
 from typing import TYPE_CHECKING
 from xml.etree import ElementTree as Xml
 
@@ -229,3 +230,15 @@ def test_the_history_says_of_the_disqualified_run_alone_that_it_is(life: "Life")
     told = history.one("ol", "hist").all("div", "new") + history.one("ol", "led").all("li")
     says = ["disqualified since" in each.text for each in told]
     assert says == [True, False, False, False, True, False]
+
+
+def test_a_phase_is_announced_when_it_is_shown_not_when_it_was_made(life: "Life") -> None:
+    made = life.make_phase(split="plain", opens_at="2126-01-01T09:30:00Z", visibility="hidden")
+    life.move(created_at=datetime(2026, 1, 1, tzinfo=UTC))
+    life.change({"title": "Final"})
+    life.change({"visibility": "shown"})
+    line = life.json("/api/v1/organizer/audit?limit=1", "organizer")[0]
+    life.change({"title": made["title"]})
+    (entry,) = life.get("/feed.atom?phase=test").text.split("<entry>")[1:]
+    assert "Test opens 1 Jan 2126, 09:30 UTC" in entry
+    assert f"<updated>{line['at'][:19]}" in entry

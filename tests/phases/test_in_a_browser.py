@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from playwright.sync_api import Browser, Page, expect
+from tests.phases.test_reported import ROWS, sent
 from tests.support.browser import Look, axe_violations, look_at
 from tests.support.serving import served
 
@@ -127,3 +128,16 @@ def test_past_phases_can_be_reached_on_every_screen(life: "Life", browser: Brows
             page.click(".phases .past a", timeout=5000)
             expect(page.locator("h1")).to_be_visible()
             assert "phase=old" in page.url
+
+
+def test_what_differs_on_an_external_board_is_read_on_a_narrow_screen(
+    life: "Life", browser: Browser
+) -> None:
+    life.make_phase(split="plain")
+    life.done("/phases/test/reported", sent(ROWS))
+    with served(life.client.app) as address:
+        page = browser.new_context(viewport={"width": 390, "height": 844}).new_page()
+        page.goto(f"{address}/phases/test/reported")
+        box = page.locator("tr.words span").bounding_box()
+        assert box is not None
+        assert box["x"] + box["width"] < 390

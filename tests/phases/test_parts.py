@@ -460,7 +460,7 @@ def test_what_stood_at_the_deadline_and_was_withdrawn_after_the_reveal_is_restor
     life.request("POST", f"/api/v1/submissions/{entry}/withdraw", "beta")
     life.work()
     assert life.entry_ids() == []
-    words = "only what was withdrawn after the deadline"
+    words = "only if it was withdrawn after the deadline"
     assert words in visitor(life, "beta").get(f"/submissions/{entry}").text
     life.done(f"/submissions/{entry}/restore")
     life.work()

@@ -2,6 +2,7 @@
 
 from typing import TYPE_CHECKING, Any
 
+import pytest
 from tests.phases.life import CAREFUL, PRIVATE_ONLY, PUBLIC_ONLY
 from tests.phases.test_page import text_of
 from tests.support.worker import due_jobs, score_submission
@@ -86,6 +87,21 @@ def test_a_report_comes_with_the_end_and_tells_what_the_boards_tell(life: "Life"
     assert 'href="/phases/test/report"' in life.get("/phases/test").text
     heading = "Ranks before and after the reveal"  # what came between may be a rescoring, too
     assert f">{heading}</h2>" in life.get(PAGE).text
+
+
+@pytest.mark.parametrize("gone", [{"into": "alpha"}, None])
+def test_the_later_deadline_of_a_team_that_is_no_more_keeps_no_report_back(
+    life: "Life", gone: dict[str, str] | None
+) -> None:
+    life.make_phase(split="plain", closes_at=life.ahead(60))
+    life.submit("beta", 1.0, "Early", "plain")
+    life.work()
+    until = {"closes_at": life.ahead(90), "reason": "ill"}
+    life.done("/teams/gamma/allowances/test", until, "PATCH")
+    life.move(closes_at=life.now())
+    assert life.get(REPORT).status_code == 404, "gamma is not done"
+    life.done(f"/teams/gamma/{'merge' if gone else 'forget'}", {"reason": "asked", **(gone or {})})
+    assert life.get(REPORT).status_code == 200
 
 
 def submit_before_and_after_a_freeze(life: "Life") -> tuple[str, str]:

@@ -78,6 +78,15 @@ def test_contradictions_are_named(life: "Life", change: dict[str, object], words
     assert life.json("/api/v1/phases/test") == before
 
 
+def test_what_is_wrong_with_a_new_phase_is_told_at_once(life: "Life") -> None:
+    body = {"id": "Not an id", "title": "\0", "challenge": "planning", "split": "plain"}
+    dates = {"opens_at": LATER_STILL, "closes_at": LATER}
+    words = life.refused("/phases", {**body, **dates}, 400)
+    assert "'Not an id' must be" in words
+    assert "title" in words
+    assert "must close after it opens" in words
+
+
 @pytest.mark.parametrize("change", [{"anonymous": True}, {"entries_private": True}])
 def test_what_teams_were_promised_does_not_change_under_them(
     life: "Life", change: dict[str, object]

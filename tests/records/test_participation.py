@@ -735,7 +735,7 @@ def test_an_action_is_judged_by_what_another_did_to_the_team_meanwhile(
         looked_at = list_teams(session)
         with world.database.write() as other:
             meanwhile(other)
-        with pytest.raises(Conflict, match=r"is approved|part of"):
+        with pytest.raises(Conflict, match=r"is approved|merged into"):
             action(session, slug=slug, **WHY)
         assert len(looked_at) == 3
 
@@ -752,7 +752,7 @@ def test_an_entry_that_is_of_another_team_by_now_is_neither_disqualified_nor_rei
         looked_at = find_submission(session, entry)
         with world.database.write() as other:
             merge_teams(other, "alpha", "beta", **WHY)
-        with pytest.raises(Conflict, match="became part of another one meanwhile"):
+        with pytest.raises(Conflict, match="merged into another one meanwhile"):
             disqualify_submission(session, entry, **WHY)
         assert looked_at.id == entry
     with world.database.write() as session:
@@ -762,7 +762,7 @@ def test_an_entry_that_is_of_another_team_by_now_is_neither_disqualified_nor_rei
         row = find_disqualification(session, number)
         with world.database.write() as other:
             merge_teams(other, "beta", "gamma", **WHY)
-        with pytest.raises(Conflict, match="became part of another one meanwhile"):
+        with pytest.raises(Conflict, match="merged into another one meanwhile"):
             reinstate(session, number, **WHY)
         assert row.reinstated_at is None
     with world.database.write() as session:

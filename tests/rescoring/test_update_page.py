@@ -40,7 +40,10 @@ def test_readers_see_every_entry_before_and_after_a_run_that_was_applied(
     page = read(here)
     assert '<h1 id="h1">Protocol 1.0 to 1.1</h1>' in page
     assert "required clearance of task SE1" in page
-    assert "Entries of a late view are left out." in page
+    assert "late view" not in page
+    late = {"closes_at": "2126-01-01T00:00:00Z", "policy": {"late_entries": "own_view"}}
+    assert api("PATCH", "/organizer/phases/dev", json=late).status_code == 200
+    assert "Entries of the late view are left out." in read(here)
     for unwanted in ("kept to ourselves", "taken back", "/organize"):
         assert unwanted not in page
     numbers = api("GET", f"/rescoring/{run}", "nobody").json()["comparison"]

@@ -104,13 +104,17 @@ def test_a_team_is_disqualified_and_reinstated_by_page(
     here = "/organize/teams/alpha"
     page = f"{here}/disqualify"
     assert "cannot" not in organizer.get(here).text
-    done = organizer.post(page, {**WHY, "public_note": "Cheated <b>"}, page=page)
+    note = {**WHY, "public_note": "Cheated <b>"}
+    assert "Phase: must not be empty." in organizer.post(page, note, page=page).text
+    done = organizer.post(page, {**note, "phase_id": "*"}, page=page)
     assert done.headers["location"] == f"{here}?done=disqualified"
     assert "Cheated &lt;b&gt;" in organizer.get(here).text
     api.publish(make_entry("Other", submission_id=None, source="reference", rank=None))
     assert "Cheated &lt;b&gt;" in organizer.fresh().get("/").text
     page = "/organize/disqualifications/1/reinstate"
-    assert WHY["reason"] in organizer.get(page).text
+    asked = organizer.get(page).text
+    assert WHY["reason"] in asked
+    assert "every phase" in asked
     done = organizer.post(page, {"reason": "They explained it."}, page=page)
     assert done.headers["location"] == f"{here}?done=reinstated"
     assert "Cheated" not in organizer.fresh().get("/").text

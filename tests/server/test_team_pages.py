@@ -412,6 +412,11 @@ def test_what_would_replace_another_entry_by_now_is_asked_anew(
     assert api.post(f"{address}/confirm", "alpha").status_code == 409, "the time has passed"
     with api.database.write() as session:
         session.get_one(Submission, asked_id).confirm_until = until
+    led = alpha.post(f"{address}/confirm", {}, page="/submit").headers["location"]
+    assert "by now it would replace another entry than you were asked about" in alpha.get(led).text
+    with api.database.write() as session:
+        report = REPORT.model_copy(update={"faults": (), "to_confirm": (asked,)})
+        session.get_one(Submission, asked_id).report = report
     told = api.post(f"{address}/confirm", "alpha").json()
     assert (told["id"], told["status"]) == (asked_id, "rejected")
     (question,) = told["report"]["to_confirm"]

@@ -187,6 +187,19 @@ def test_the_page_takes_a_number_of_days_that_can_be_meant(
     assert browser.post("/my/tokens", form, page="/my/tokens").status_code == 400
 
 
+def test_after_a_refusal_the_page_of_tokens_keeps_what_was_typed(api: "Api", browse: Open) -> None:
+    browser = browse(api, who="alpha")
+    form = {"name": "cluster", "scopes": ["submit"], "days": "-4"}
+    page = browser.post("/my/tokens", form, page="/my/tokens").text
+    assert "Days until it expires: must be a whole number from 1 to 3,650." in page
+    assert 'value="cluster"' in page
+    assert 'value="-4"' in page
+    rotate = f"/my/tokens/{own_id(api)}/rotate"
+    page = browser.post(rotate, {"keep_days": "-4"}, page="/my/tokens").text
+    assert "The old one works, more days: must be a whole number from 0 to" in page
+    assert "A new token" in page, "the page of tokens again"
+
+
 def test_whoever_revokes_a_token_is_told_what_it_made(
     api_on_both: "Api", browse: Callable[..., "TeamBrowser"]
 ) -> None:

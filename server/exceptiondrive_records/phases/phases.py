@@ -1,5 +1,6 @@
 """Phases: dated stages of a challenge, each with its own split, protocol and limits."""
 
+from functools import partial
 from typing import Any
 
 from sqlalchemy import exists, select
@@ -37,7 +38,7 @@ from exceptiondrive_schemas.challenges import PLANNING
 
 
 def check_phase(phase: Phase, *, is_freeze_new: bool = True) -> None:
-    """Refuse settings that contradict each other; all of them are named at once.
+    """Refuse an id or text that cannot be used, and settings that contradict each other, all at once.
 
     Args:
         phase: With its new settings.
@@ -47,9 +48,13 @@ def check_phase(phase: Phase, *, is_freeze_new: bool = True) -> None:
     Raises:
         InvalidRecord: With one sentence for each contradiction.
     """
-    _check_texts(phase)
-    freezes_at, opens_at, closes_at = phase.policy.freezes_at, phase.opens_at, phase.closes_at
     faults = []
+    for check in (partial(checked_slug, "phase", phase.id), partial(_check_texts, phase)):
+        try:
+            check()
+        except InvalidRecord as refusal:
+            faults.append(str(refusal))
+    freezes_at, opens_at, closes_at = phase.policy.freezes_at, phase.opens_at, phase.closes_at
     if opens_at is not None and closes_at is not None and closes_at <= opens_at:
         faults.append("A phase must close after it opens.")
     if freezes_at is not None and opens_at is not None and freezes_at <= opens_at:
@@ -100,9 +105,6 @@ def create_phase(session: Session, new: NewPhase, *, actor: str) -> Phase:
         Conflict: The id is taken.
         NotFound: Split or protocol is unknown.
     """
-    checked_slug("phase", new.id)
-    if session.get(Phase, new.id) is not None:
-        raise Conflict(f"There is a phase {new.id!r} already.")
     split = find_split(session, new.split, new.split_revision)
     whole = whole_split(session, split.name, split.revision)
     is_withheld = whole.public_file_digest is None
@@ -123,6 +125,8 @@ def create_phase(session: Session, new: NewPhase, *, actor: str) -> Phase:
         **settings,
     )
     check_phase(phase)
+    if session.get(Phase, new.id) is not None:
+        raise Conflict(f"There is a phase {new.id!r} already.")
     session.add(phase)
     flush_or_refuse(
         session, "Its protocol was deleted meanwhile, or the id taken: reload the page."

@@ -1,6 +1,6 @@
 """The team's tokens: list, issue, rotate, revoke. A new token's text is shown once."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from datetime import timedelta
 from typing import Annotated
 
@@ -25,11 +25,12 @@ from exceptiondrive_records.accounts.tokens import (
     team_tokens,
 )
 from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.errors import RecordsError
 from exceptiondrive_schemas.api.form_fields import FormField
 from exceptiondrive_server.accounts.queries import scopes_field, team_token_views
 from exceptiondrive_server.web.auth import team_of
 from exceptiondrive_server.web.browser_session import Browser, PostedForm, SignedIn, require_scope
-from exceptiondrive_server.web.forms import filled_fields, read_form
+from exceptiondrive_server.web.forms import filled_fields, posted_texts, read_form
 from exceptiondrive_server.web.responses import my_page
 
 router = APIRouter(prefix="/my/tokens", include_in_schema=False)
@@ -38,6 +39,7 @@ Issue = Callable[[Session, Principal], tuple[str, Token]]
 KEEP_DAYS = FormField(
     "keep_days", "The old one works, more days", "whole", lowest=0, highest=MAX_KEEP_DAYS
 )
+_USUAL: Mapping[str, str] = {"scopes": " ".join(PARTICIPANT_SCOPES)}
 
 
 @router.get("")
@@ -49,22 +51,27 @@ def show_tokens(browser: Browser) -> Response:
 @router.post("")
 def issue(browser: Browser, form: PostedForm) -> Response:
     """Issue a token and show it, once."""
-    values = read_form(_new_token(browser), form)
-    days = values["days"]
+    fields = _new_token(browser)
 
     def make(session: Session, keeper: Principal) -> tuple[str, Token]:
+        values = read_form(fields, form)
+        days = values["days"]
         ends = None if days is None else database_now(session) + timedelta(days=days)
         return issue_team_token(session, keeper, values["name"], values["scopes"], ends)
 
-    return _issue_and_show(browser, make)
+    return _issue_and_show(browser, make, posted_texts(form))
 
 
 @router.post("/{token_id}/rotate")
 def rotate(browser: Browser, form: PostedForm, token_id: TokenId) -> Response:
     """Issue the successor of a token and show it, once."""
-    given = read_form([KEEP_DAYS], form)["keep_days"]
-    days = DEFAULT_KEEP_DAYS if given is None else given
-    return _issue_and_show(browser, lambda s, keeper: rotate_team_token(s, keeper, token_id, days))
+
+    def make(session: Session, keeper: Principal) -> tuple[str, Token]:
+        given = read_form([KEEP_DAYS], form)["keep_days"]
+        days = DEFAULT_KEEP_DAYS if given is None else given
+        return rotate_team_token(session, keeper, token_id, days)
+
+    return _issue_and_show(browser, make)
 
 
 @router.post("/{token_id}/revoke")
@@ -76,15 +83,23 @@ def revoke(browser: Browser, form: PostedForm, token_id: TokenId) -> Response:
     return RedirectResponse("/my/tokens", status_code=303)
 
 
-def _issue_and_show(browser: SignedIn, issue: Issue) -> Response:
+def _issue_and_show(browser: SignedIn, issue: Issue, texts: Mapping[str, str] = _USUAL) -> Response:
     require_scope(browser, Scope.TOKENS)
     team_of(browser.principal)
-    with browser.services.database.write() as session:
-        text, _ = issue(session, browser.principal)
+    try:
+        with browser.services.database.write() as session:
+            text, _ = issue(session, browser.principal)
+    except RecordsError as refusal:
+        return _tokens_page(browser, texts=texts, refusal=refusal)
     return _tokens_page(browser, issued=text)
 
 
-def _tokens_page(browser: SignedIn, issued: str | None = None) -> Response:
+def _tokens_page(
+    browser: SignedIn,
+    issued: str | None = None,
+    texts: Mapping[str, str] = _USUAL,
+    refusal: RecordsError | None = None,
+) -> Response:
     require_scope(browser, Scope.TOKENS)
     team_id = team_of(browser.principal)
     with browser.services.database.read() as session:
@@ -99,7 +114,8 @@ def _tokens_page(browser: SignedIn, issued: str | None = None) -> Response:
         "accounts/tokens.html",
         tokens=sorted(zip(views, is_alive, strict=True), key=lambda line: not line[1]),
         made_with=made_with,
-        fields=filled_fields(_new_token(browser), {"scopes": " ".join(PARTICIPANT_SCOPES)}),
+        refusal=refusal,
+        fields=filled_fields(_new_token(browser), texts),
         meaning=MEANING_OF_SCOPE,
         new_token=issued,
         keep_days=DEFAULT_KEEP_DAYS,

@@ -8,6 +8,7 @@ from typing import NamedTuple
 from sqlalchemy import ScalarSelect, func, select
 from sqlalchemy.orm import Session
 
+from exceptiondrive_records.audit.tables import AuditLine
 from exceptiondrive_records.boards.boards import (
     board_at,
     current_board,
@@ -399,12 +400,25 @@ def read_feed(session: Session, query: BoardQuery) -> Feed:
         )
         for row in news_of(session, phase.id)
     ]
-    return Feed(
-        phase.id, phase.title, (*boards, *news, *_phase_items(phase, database_now(session)))
+    items = _phase_items(phase, _shown_since(session, phase), database_now(session))
+    return Feed(phase.id, phase.title, (*boards, *news, *items))
+
+
+def _shown_since(session: Session, phase: Phase) -> datetime:
+    """Return since when readers find the phase: its making, or when it was hidden no more."""
+    query = (
+        select(AuditLine)
+        .where(AuditLine.subject == phase.id, AuditLine.action == "phase changed")
+        .where(AuditLine.at >= phase.created_at)
+        .order_by(AuditLine.id.desc())
     )
+    for line in session.scalars(query):
+        if "hidden" in line.detail.get("visibility", ()):
+            return line.at
+    return phase.created_at
 
 
-def _phase_items(phase: Phase, now: datetime) -> Iterator[FeedItem]:
+def _phase_items(phase: Phase, shown_since: datetime, now: datetime) -> Iterator[FeedItem]:
     """Events of a phase, newest first, dated so that feed readers notice each when it happens."""
 
     def item(what: str, at: datetime, words: str) -> FeedItem:
@@ -415,9 +429,9 @@ def _phase_items(phase: Phase, now: datetime) -> Iterator[FeedItem]:
     if phase.opens_at is not None:
         if phase.opens_at <= now:
             yield item("opened", phase.opens_at, f"{phase.title} is open for submissions")
-        if phase.created_at < phase.opens_at:
+        if shown_since < phase.opens_at:
             words = f"{phase.title} opens {minute(phase.opens_at)}"
-            yield item("announced", phase.created_at, words)
+            yield item("announced", shown_since, words)
 
 
 def _board_item(

@@ -30,6 +30,7 @@ class SheetTable(NamedTuple):
 
     title: str
     heads: tuple[str, ...]
+    """Of the names of rows first."""
     lines: tuple[tuple[str, tuple[str, ...]], ...]
     note: str = ""
 
@@ -51,7 +52,13 @@ def effect_table(board: Board, entry: BoardEntry, digits: Digits) -> SheetTable:
             lines.append((f"{metric.label} {unit_of(metric)}", cells))
     return SheetTable(
         "What the reminder changed",
-        ("difference", f"{percent(board.confidence)} interval", "samples changed", "verdict"),
+        (
+            "metric",
+            "difference",
+            f"{percent(board.confidence)} interval",
+            "samples changed",
+            "verdict",
+        ),
         tuple(lines),
         f"With the reminder minus without it ({effect.without_method if effect else ''}), sample by "
         "sample; the interval draws scenes, the same for both.",
@@ -87,7 +94,7 @@ def _sensitivity_table(sheet: ScoreSheet, protocol: ProtocolDocument, digits: Di
     order = list(heads) if protocol.grading.headline == "macro_family" else list(heads)[::-1]
     return SheetTable(
         "Sensitivity to the required clearance",
-        tuple(heads[key] for key in order),
+        ("clearance", *(heads[key] for key in order)),
         tuple(
             (
                 _FACTORS.get(factor, f"{factor:g} times d_safe"),
@@ -105,7 +112,7 @@ def _confusion_table(rows: dict[str, MetricRow]) -> SheetTable:
     heads = _column_keys(rows)
     return SheetTable(
         "Answers by acceptable set",
-        tuple("samples" if head == "n" else head for head in heads),
+        ("acceptable", *("samples" if head == "n" else head for head in heads)),
         tuple(
             ("\u00a0".join(name), tuple(_count(row.get(head)) for head in heads))
             for name, row in rows.items()
@@ -119,7 +126,7 @@ def _reminder_table(row: MetricRow, digits: Digits) -> SheetTable:
     over = "the samples" if n is None else counted(int(n), "sample")
     return SheetTable(
         "What the reminder records say",
-        ("%",),
+        ("measure", "%"),
         tuple(
             (label, (_share(row.get(key), digits),))
             for key, label in _REMINDER_LABELS.items()
@@ -134,7 +141,7 @@ def _further_rows(rows: dict[str, MetricRow]) -> SheetTable:
     heads = _column_keys(rows)
     return SheetTable(
         "Further rows",
-        tuple(head.replace("_", " ") for head in heads),
+        ("name", *(head.replace("_", " ") for head in heads)),
         tuple(
             (name.replace("_", " "), tuple(_plain_number(row.get(head)) for head in heads))
             for name, row in rows.items()

@@ -28,6 +28,7 @@ from exceptiondrive_records.participation.messages import (
     recipients,
     send_message,
 )
+from exceptiondrive_records.participation.tables import Disqualification
 from exceptiondrive_records.phases.allowances import allowance_of
 from exceptiondrive_records.phases.phases import find_phase, list_phases, lock_phase
 from exceptiondrive_records.submissions.submissions import find_submission
@@ -76,6 +77,8 @@ TABLE = (
           is_required=True, max_length=200_000),
 )  # fmt: skip
 SHOWN_RECIPIENTS = 40
+_EVERY_PHASE = "*"
+"""Is the id of no phase."""
 
 
 # Many teams at once.
@@ -170,9 +173,9 @@ def merge(services: ServicesOf, team_id: TeamId) -> Step:
     return _step(
         team,
         title=f"Merge {team.name} into another team",
-        meaning="Its submissions, people and addresses move to the other team, its tokens are revoked, "
-        "and what both used of their quotas is added up. Its own allowance covers only what it sent; "
-        f"the other team does not get it. {AFTER_A_MERGE} This cannot be undone.",
+        meaning="Its submissions, people, addresses and questions move to the other team, its tokens are "
+        "revoked, and what both used of their quotas is added up. Its own allowance covers only what it "
+        f"sent; the other team does not get it. {AFTER_A_MERGE} This cannot be undone.",
         button="Merge",
         fields=(into, _retype_field(team), REASON),
         command=f'exceptiondrive organizer teams merge {team.slug} --into TEAM --reason "…"',
@@ -221,7 +224,9 @@ def _once_typed(team: Team, action: Callable[..., Any]) -> Callable[..., Any]:
 
 
 @step_at(router, "/teams/{team_id}/allowances/{phase_id}")
-def allowance(services: ServicesOf, team_id: TeamId, phase_id: PhaseId) -> Step:
+def allowance(
+    browser: OrganizerBrowser, services: ServicesOf, team_id: TeamId, phase_id: PhaseId
+) -> Step:
     """Set what one team has in a phase instead of what all have."""
 
     def texts(session: Session) -> dict[str, str]:
@@ -238,7 +243,7 @@ def allowance(services: ServicesOf, team_id: TeamId, phase_id: PhaseId) -> Step:
         team, phase = find_team(session, team_id), find_phase(session, phase_id)
         shown = texts(session)
     until = minute(phase.closes_at) if phase.closes_at else "none"
-    return _step(
+    step = _step(
         team,
         title=f"Allowance for {team.name} in {phase.title}",
         meaning="A later deadline also covers what the team uploaded before you granted it: nothing "
@@ -257,6 +262,11 @@ def allowance(services: ServicesOf, team_id: TeamId, phase_id: PhaseId) -> Step:
         take=partial(set_allowance, slug=team_id, phase_id=phase_id),
         done="allowance_set",
     )
+    if browser.principal.is_organizer:
+        return step
+    return replace(
+        step, section="phases", back=f"/organize/phases/{phase.id}", back_words="The phase"
+    )
 
 
 # Conduct.
@@ -268,7 +278,13 @@ def team_disqualification(services: ServicesOf, team_id: TeamId) -> Step:
     with services.database.read() as session:
         team = find_team(session, team_id)
         phases = tuple((one.id, one.title) for one in list_phases(session, with_hidden=True))
-    where = FormField("phase_id", "Phase", "choice", options=phases, empty="every phase")
+    options = (*phases, (_EVERY_PHASE, "every phase"))
+    where = FormField("phase_id", "Phase", "choice", is_required=True, options=options)
+
+    def take(session: Session, *, phase_id: str, **given: Any) -> Disqualification:
+        only = None if phase_id == _EVERY_PHASE else phase_id
+        return disqualify_team(session, team_id, phase_id=only, **given)
+
     return _step(
         team,
         title=f"Disqualify {team.name}",
@@ -278,7 +294,7 @@ def team_disqualification(services: ServicesOf, team_id: TeamId) -> Step:
         fields=(where, TOLD_REASON, PUBLIC_NOTE),
         command=f'exceptiondrive organizer teams disqualify {team.slug} --reason "…"',
         is_grave=True,
-        take=partial(disqualify_team, slug=team_id),
+        take=take,
         done="disqualified",
     )
 

@@ -19,8 +19,7 @@ from exceptiondrive_records.boards.boards import (
 from exceptiondrive_records.boards.tables import BoardEntryRow, BoardFlip, BoardRow
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import NotFound
-from exceptiondrive_records.participation.tables import Allowance
-from exceptiondrive_records.phases.allowances import is_revealed
+from exceptiondrive_records.phases.allowances import running_deadlines
 from exceptiondrive_records.phases.policy import (
     frozen_since,
     has_closed,
@@ -43,11 +42,9 @@ N_PLACES = 3
 def has_ended(session: Session, phase: Phase) -> bool:
     """Whether a phase is closed to every team, what came in time is scored, and its board is shown."""
     now = database_now(session)
-    latest = select(func.max(Allowance.closes_at)).where(Allowance.phase_id == phase.id)
-    granted_until = session.scalar(latest)
     return (
         has_closed(phase, now)
-        and (granted_until is None or granted_until <= now or is_revealed(session, phase))
+        and not running_deadlines(session, phase)
         and frozen_since(phase, now) is None
         and phase.current_board_id is not None
         and not _waits_in_time(session, phase)

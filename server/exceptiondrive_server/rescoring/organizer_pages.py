@@ -8,7 +8,7 @@ from fastapi.responses import Response
 
 from exceptiondrive_records.accounts.tokens import names_of_actors
 from exceptiondrive_records.db.errors import Conflict, NotFound, RecordsError
-from exceptiondrive_records.phases.phases import list_phases, titles_of_phases
+from exceptiondrive_records.phases.phases import find_phase, list_phases, titles_of_phases
 from exceptiondrive_records.protocols.protocols import find_protocol, list_protocols
 from exceptiondrive_records.rescoring import changes
 from exceptiondrive_records.rescoring.runs import find_run
@@ -169,7 +169,7 @@ def show_preview(
             preview = preview_of(session, run_id)
             comparison = preview.comparison
             protocol = find_protocol(session, comparison.to_protocol.digest)
-            titles = titles_of_phases(session)
+            phase = find_phase(session, seen.phase)
     except Conflict as refusal:
         return _run_page(browser, run_id, refusal)
     steps = offered(seen)
@@ -182,8 +182,8 @@ def show_preview(
         steps=steps,
         commands=(f"exceptiondrive organizer rescore preview {run_id} --csv new.csv", *flips),
         preview=preview,
-        phase_title=titles[seen.phase],
-        **compared(comparison, protocol, page),
+        phase_title=phase.title,
+        **compared(comparison, protocol, page, phase),
     )
 
 

@@ -36,7 +36,7 @@ def show_update(
             "phase_title": phase.title,
             "change": change_words(session, run),
             "sentences": _sentences(run, protocol),
-            **compared(run.comparison, protocol, page),
+            **compared(run.comparison, protocol, page, phase),
         }
 
     return public_page(request, "rescoring/update.html", "board", read)

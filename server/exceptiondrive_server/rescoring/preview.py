@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
+from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_schemas.api.rescoring import Comparison, EntryChange, Standing
 from exceptiondrive_schemas.api.standing_words import other_changes
 from exceptiondrive_schemas.challenges import CHALLENGES, Metric
@@ -115,13 +116,16 @@ class Shifts:
         return Shift(*texts, digits.signed(metric, new - old), "better" if is_better else "worse")
 
 
-def compared(comparison: Comparison, protocol: ProtocolDocument, page: int) -> dict[str, Any]:
+def compared(
+    comparison: Comparison, protocol: ProtocolDocument, page: int, phase: Phase
+) -> dict[str, Any]:
     """Return what fills `compared.html`; `protocol` is the one to come, a page beyond the last is the last."""
     ordered = worst_first(comparison)
     n_pages = max(1, -(-len(ordered) // SHOWN))
     number = min(page, n_pages)
     return {
         "c": comparison,
+        "has_late_view": phase.policy.late_entries == "own_view",
         "shown": ordered[(number - 1) * SHOWN : number * SHOWN],
         "shifts": Shifts(protocol, comparison),
         "number": number,

@@ -298,11 +298,13 @@ def show_my_submissions(
 
 
 @router.get("/submissions/{submission_id}")
-def show_submission(browser: Browser, submission_id: SubmissionId, again: bool = False) -> Response:
+def show_submission(
+    browser: Browser, submission_id: SubmissionId, again: bool = False, anew: bool = False
+) -> Response:
     """Show where a submission stands: this address stays the same from upload to rank."""
     if _only_submits(browser.principal):
         return RedirectResponse(f"/submit?{urlencode({'sent': submission_id})}", status_code=303)
-    return _submission(browser, submission_id, is_again=again)
+    return _submission(browser, submission_id, is_again=again, is_anew=anew)
 
 
 def _submission(
@@ -310,6 +312,7 @@ def _submission(
     submission_id: str,
     *,
     is_again: bool = False,
+    is_anew: bool = False,
     question: NotConfirmed | None = None,
 ) -> Response:
     """Show a submission; `question` is what is asked before it is published."""
@@ -350,6 +353,7 @@ def _submission(
         and not (ended or seen.is_asked or seen.confirmed_as or seen.disqualified_at)
         and phase.visibility == "shown",
         is_again=is_again,
+        is_anew=is_anew and seen.is_asked,
     )
 
 
@@ -388,7 +392,8 @@ def confirm_submission(browser: Browser, form: PostedForm, submission_id: Submis
     """Let what the team was asked about count, and lead to what counts in its place."""
     require_scope(browser, Scope.SUBMIT)
     confirmed = confirmed_upload(browser.services, browser.principal, submission_id)
-    return RedirectResponse(f"/submissions/{confirmed.id}", status_code=303)
+    anew = "?anew=1" if confirmed.is_asked else ""
+    return RedirectResponse(f"/submissions/{confirmed.id}{anew}", status_code=303)
 
 
 @router.post("/submissions/{submission_id}/{what}")

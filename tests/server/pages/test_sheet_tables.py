@@ -18,7 +18,7 @@ ROWS = {
 def test_sensitivity_stands_around_the_row_that_ranks_from_less_to_more_clearance() -> None:
     sheet = EXAMPLE.model_copy(update={"extra": ROWS})
     (table,) = sheet_tables(sheet, PROTOCOL, Digits())
-    assert table.heads == ("HCC % over families", "HCC % over samples")
+    assert table.heads == ("clearance", "HCC % over families", "HCC % over samples")
     assert table.lines == (
         ("half the required clearance", ("", "40.00")),
         ("the required clearance, as it ranks", ("33.33", "33.33")),
@@ -31,7 +31,7 @@ def test_the_average_that_ranks_stands_first() -> None:
     protocol = PROTOCOL.model_copy(update={"grading": grading})
     sheet = EXAMPLE.model_copy(update={"extra": ROWS})
     (table,) = sheet_tables(sheet, protocol, Digits())
-    assert table.heads[0] == "HCC % over samples"
+    assert table.heads[1] == "HCC % over samples"
 
 
 def test_confusion_and_reminder_rows_have_tables_of_their_own() -> None:
