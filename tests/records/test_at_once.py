@@ -11,7 +11,8 @@ from sqlalchemy import event, select, update
 from sqlalchemy.exc import SQLAlchemyError
 from sqlalchemy.orm import Session
 from tests.records.world import World
-from tests.support.databases import wait_until_it_waits
+from tests.support.databases import POSTGRES_ALONE, wait_until_it_waits
+from tests.support.records import count_audit_lines
 
 from exceptiondrive_records.accounts import sessions, tokens
 from exceptiondrive_records.accounts.attempts import count_attempt, give_attempt_back
@@ -44,16 +45,29 @@ from exceptiondrive_records.news.questions import ask_question
 from exceptiondrive_records.notifications import contacts
 from exceptiondrive_records.notifications.contacts import (
     add_contact,
+    confirm_contact,
     list_contacts,
     remove_contact,
     set_wishes,
     unsubscribe_contact,
 )
+from exceptiondrive_records.notifications.inbox import list_notifications
 from exceptiondrive_records.notifications.tables import Channel
-from exceptiondrive_records.participation.forgetting import forget_person
+from exceptiondrive_records.operations.site import set_site_links, site_links
+from exceptiondrive_records.participation.allowances import set_allowance
+from exceptiondrive_records.participation.forgetting import forget_person, forget_team
 from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.phases.terms import accept_terms, terms_version
+from exceptiondrive_records.rescoring.freeze import hold_running_deadlines, tell_teams
+from exceptiondrive_records.splits.confirmations import withdraw_confirmation
+from exceptiondrive_records.splits.splits import find_split
+from exceptiondrive_records.splits.tables import ConfirmationRow
 from exceptiondrive_records.teams import teams
+from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.teams.teams import create_team, refuse_team, register_team
+from exceptiondrive_schemas.api.confirmation import Confirmation
+from exceptiondrive_schemas.api.site import SiteLinks
+from exceptiondrive_schemas.split import SplitRef
 
 Action = Callable[[Session], Any]
 
@@ -360,3 +374,164 @@ def test_who_signs_in_while_they_are_forgotten_is_somebody_new(world: World) -> 
         assert welcome_person(session, ada).id == new[0], "whose forgetting waits for the end"
     with world.database.write() as session, pytest.raises(NotFound):
         forget_person(session, new[0], reason="Once more.", actor="test")
+
+
+def plant_confirmation(session: Session, protocol_digest: str) -> str:
+    split = find_split(session, "sample")
+    said = Confirmation(
+        split=SplitRef(name=split.name, revision=split.revision),
+        protocol=protocol_digest,
+        public_key="A" * 43 + "=",
+        signature="A" * 86 + "==",
+    )
+    row = ConfirmationRow(
+        id=said.id,
+        split_name=split.name,
+        split_revision=split.revision,
+        protocol_digest=protocol_digest,
+        confirmation=said,
+        confirmed_at=database_now(session),
+    )
+    session.add(row)
+    return row.id
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "token revoked",
+        "confirmation withdrawn",
+        "invitation withdrawn",
+        "contact confirmed",
+        "contact unsubscribed",
+        "contact removed",
+        "terms accepted",
+        "site links changed",
+    ],
+)
+def test_what_is_clicked_twice_at_once_is_done_and_logged_once(world: World, line: str) -> None:
+    team_id, token_id = world.team_id, member(world).token_id
+    with world.database.write() as session:
+        contact = add_contact(session, team_id, Channel.EMAIL, "eve@example.org", actor="test")
+        contact_id, key = contact.id, str(contact.secret)
+        _, invitation = invite(session, team_id, "Ada", actor="test")
+        invitation_id = invitation.id
+        confirmation_id = plant_confirmation(session, world.protocol_digest)
+        phase = session.get_one(Phase, "dev")
+        phase.page = phase.page.model_copy(update={"terms": "Be fair."})
+        phase.policy = phase.policy.model_copy(update={"terms_required": True})
+        version = str(terms_version(phase))
+    actions: dict[str, Action] = {
+        "token revoked": lambda session: tokens.revoke_token(session, token_id, actor="test"),
+        "confirmation withdrawn": lambda session: withdraw_confirmation(
+            session, confirmation_id, "left", "test"
+        ),
+        "invitation withdrawn": lambda session: withdraw_invitation(
+            session, team_id, invitation_id, actor="test"
+        ),
+        "contact confirmed": lambda session: confirm_contact(session, contact_id, key),
+        "contact unsubscribed": lambda session: unsubscribe_contact(session, contact_id, key),
+        "contact removed": lambda session: remove_contact(
+            session, team_id, contact_id, actor="test"
+        ),
+        "terms accepted": lambda session: accept_terms(
+            session, team_id, session.get_one(Phase, "dev"), version, actor="test"
+        ),
+        "site links changed": lambda session: set_site_links(
+            session, SiteLinks(contact="us@example.org"), actor="test"
+        ),
+    }
+    refused = refusal(world.database, actions[line], actions[line])
+    assert refused is None or isinstance(refused, RecordsError)
+    with world.database.read() as session:
+        assert count_audit_lines(session, line) == 1
+
+
+def test_two_organizers_set_two_links_of_the_site_at_once(world: World) -> None:
+    with world.database.write() as session:
+        set_site_links(session, SiteLinks(contact="us@example.org"), actor="test")
+    links = {"paper_url": "https://example.org/paper", "code_url": "https://example.org/code"}
+    one, other = (SiteLinks.model_validate({name: link}) for name, link in links.items())
+    refused = refusal(
+        world.database,
+        lambda session: set_site_links(session, one, actor="test"),
+        lambda session: set_site_links(session, other, actor="test"),
+    )
+    assert refused is None
+    with world.database.read() as session:
+        assert links.items() <= site_links(session).model_dump().items()
+
+
+def test_who_joins_by_an_invitation_leaves_none_to_withdraw(world: World) -> None:
+    with world.database.write() as session:
+        link, invitation = invite(session, world.team_id, "Ada", actor="token:x")
+        invitation_id = invitation.id
+        eve = welcome_person(session, Identity("https://id.test", "eve")).id
+    refused = refusal(
+        world.database,
+        lambda session: accept_invitation(session, link, eve, actor="test"),
+        lambda session: withdraw_invitation(session, world.team_id, invitation_id, actor="test"),
+    )
+    assert isinstance(refused, NotFound)
+
+
+@POSTGRES_ALONE
+def test_who_revokes_a_token_while_somebody_joins_by_its_invitation_ends_the_token(
+    world: World,
+) -> None:
+    token_id = member(world).token_id
+    with world.database.write() as session:
+        link, _ = invite(session, world.team_id, "Ada", actor=f"token:{token_id}")
+        eve = welcome_person(session, Identity("https://id.test", "eve")).id
+    refused = refusal(
+        world.database,
+        lambda session: accept_invitation(session, link, eve, actor="test"),
+        lambda session: tokens.revoke_token(session, token_id, actor="test"),
+    )
+    assert refused is None
+    with world.database.read() as session:
+        assert session.get_one(Token, token_id).revoked_at is not None
+        assert count_audit_lines(session, "invitation withdrawn") == 0
+
+
+def test_a_reveal_goes_past_a_team_that_is_refused_at_this_moment(world: World) -> None:
+    with world.database.write() as session:
+        register_team(session, "gamma", "Gamma", "We are new.")
+        phase = session.get_one(Phase, "dev")
+        phase.closes_at = database_now(session) + timedelta(hours=1)
+        until = phase.closes_at + timedelta(hours=1)
+    for slug in ("gamma", "alpha"):
+        with world.database.write() as session:
+            set_allowance(session, slug, "dev", closes_at=until, reason="ill", actor="test")
+    held: list[tuple[Team, Any]] = []
+
+    def hold(session: Session) -> None:
+        held.extend(hold_running_deadlines(session, session.get_one(Phase, "dev")))
+
+    refused = refusal(
+        world.database,
+        lambda session: refuse_team(session, "gamma", reason="Unknown to us.", actor="test"),
+        hold,
+    )
+    assert refused is None
+    assert [team.slug for team, _ in held] == ["alpha"]
+
+
+@POSTGRES_ALONE
+@pytest.mark.parametrize("moment", ["FOR KEY SHARE", "FROM contact_points"])
+def test_a_team_that_is_forgotten_while_its_phase_changes_is_told_under_no_old_name(
+    world: World, moment: str
+) -> None:
+    world.submit("file")
+    with (
+        interrupted(
+            world.database,
+            moment,
+            lambda session: forget_team(session, "alpha", reason="They asked us to.", actor="test"),
+        ),
+        world.database.write() as session,
+    ):
+        tell_teams(session, session.get_one(Phase, "dev"), "The deadline is changed", "Later.")
+    with world.database.read() as session:
+        (told,) = list_notifications(session, world.team_id)
+    assert told.team.startswith("Former team")

@@ -6,11 +6,14 @@ from typing import Any
 
 import pytest
 from sqlalchemy import event, func, select, update
+from tests.records.test_at_once import interrupted
 from tests.support.databases import POSTGRES_ALONE, wait_until_it_waits
 from tests.support.work import unfinished
 
 from exceptiondrive_records.accounts.people import hold_team
+from exceptiondrive_records.notifications.tables import Notification
 from exceptiondrive_records.operations.invariants import violations
+from exceptiondrive_records.participation.forgetting import forget_team
 from exceptiondrive_records.phases.scoring_keys import is_of_key, new_key
 from exceptiondrive_records.rescoring.runs import find_run
 from exceptiondrive_records.submissions.submissions import find_submission, withdraw
@@ -52,6 +55,24 @@ def test_an_upload_that_waits_for_its_team_during_a_flip_is_scored_as_after_it_a
         sheets = select(func.count()).where(ScoreSheetRow.submission_id == newcomer)
         assert session.scalar(sheets) == n_sheets
     assert whole(stage)
+
+
+@POSTGRES_ALONE
+@pytest.mark.parametrize("moment", ["FOR KEY SHARE", "INSERT INTO notifications"])
+def test_a_team_that_is_forgotten_while_an_update_is_applied_is_told_under_no_old_name(
+    ready: Ready, moment: str
+) -> None:
+    stage, run_id = ready
+    with interrupted(
+        stage.database,
+        moment,
+        lambda session: forget_team(session, "alpha", reason="They asked us to.", actor="test"),
+    ):
+        stage.apply(run_id)
+    with stage.database.read() as session:
+        told = session.scalars(select(Notification.body)).all()
+    assert told
+    assert not any("Alpha" in body for body in told)
 
 
 @POSTGRES_ALONE

@@ -16,7 +16,9 @@ from tests.support.documents import digest_of
 from exceptiondrive_records.accounts.tables import Token
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.entries.selection import publish
+from exceptiondrive_records.notifications.inbox import list_notifications
 from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.submissions.submissions import withdraw
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_schemas.api.phase_settings import PhasePolicy
 from exceptiondrive_server.web import browser_session
@@ -231,6 +233,22 @@ def test_of_two_that_are_published_at_one_moment_the_later_is_asked_about(
             other = pool.submit(api.post, f"/submissions/{second}/publish", "alpha")
             wait_until_it_waits(api.database, other.done)
         as_problem(other.result(), 409, "not_confirmed")
+
+
+def test_what_is_withdrawn_at_this_moment_is_told_as_no_action_of_organizers(
+    api_on_both: "Api",
+) -> None:
+    api = api_on_both
+    one = api.submit("a").json()["id"]
+    with ThreadPoolExecutor() as pool:
+        with api.database.write() as session:
+            withdraw(session, one, actor="test")
+            session.flush()
+            other = pool.submit(api.post, f"/submissions/{one}/withdraw", "organizer")
+            wait_until_it_waits(api.database, other.done)
+        assert other.result().json()["status"] == "withdrawn"
+    with api.database.read() as session:
+        assert list_notifications(session, api.team_ids["alpha"]) == []
 
 
 def test_another_teams_edit_and_file_are_not_found(api: "Api", browse: Browse) -> None:

@@ -353,7 +353,8 @@ def withdraw_invitation(session: Session, team_id: int, invitation_id: str, *, a
     """
     query = select(Invitation, Team.slug).join(Team, Team.id == Invitation.team_id)
     is_theirs = (Invitation.id == invitation_id, Invitation.team_id == team_id)
-    found = session.execute(query.where(*is_theirs, *_usable_conditions(session))).one_or_none()
+    query = query.where(*is_theirs, *_usable_conditions(session)).with_for_update(of=Invitation)
+    found = session.execute(query).one_or_none()
     if found is None:
         raise NotFound("invitation", invitation_id)
     invitation, slug = found
@@ -368,7 +369,7 @@ def withdraw_invitations_of(
     query = select(Invitation).where(
         Invitation.made_by == made_by, *of, *_usable_conditions(session)
     )
-    for invitation in session.scalars(query):
+    for invitation in session.scalars(query.order_by(Invitation.id).with_for_update()):
         withdraw_invitation(session, invitation.team_id, invitation.id, actor=actor)
 
 

@@ -225,7 +225,7 @@ def revoke_token(session: Session, token_id: str, *, actor: str) -> Token:
         NotFound: There is none with this id.
         Conflict: It is revoked already.
     """
-    token = find_token(session, token_id)
+    token = find_row(session, Token, "token", token_id, lock={"key_share": True})
     if token.revoked_at is not None:
         raise Conflict(f"Token {token_id!r} is revoked already.")
     token.revoked_at = database_now(session)

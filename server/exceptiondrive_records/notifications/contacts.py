@@ -151,6 +151,7 @@ def confirm_contact(session: Session, contact_id: str, key: str) -> ContactPoint
         NotFound: As `find_by_key`.
     """
     contact = find_by_key(session, contact_id, key)
+    session.refresh(contact, with_for_update=True)
     if contact.confirmed_at is None:
         contact.confirmed_at = database_now(session)
         audit(session, f"contact:{contact.id}", "contact confirmed", contact.id)
@@ -169,6 +170,7 @@ def unsubscribe_contact(session: Session, contact_id: str, key: str) -> str:
     """
     contact = find_by_key(session, contact_id, key, may_be_removed=True)
     hold_words(session, f"mailbox {contact.mailbox_digest}")
+    session.refresh(contact)
     if contact.unsubscribed_at is not None:
         return contact.address
     address, now = contact.address, database_now(session)
@@ -297,6 +299,7 @@ def remove_contact(session: Session, team_id: int, contact_id: str, *, actor: st
     Raises:
         NotFound: There is none, or it is another team's.
     """
+    hold_team(session, team_id)
     contact = find_contact(session, team_id, contact_id)
     take_away(contact, database_now(session))
     audit(session, actor, "contact removed", contact.id, {"team_id": team_id})

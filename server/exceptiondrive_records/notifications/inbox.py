@@ -300,10 +300,15 @@ def _view(row: Notification) -> NotificationView:
 
 
 def _submissions(session: Session, submission_ids: list[str]) -> dict[str, tuple[Submission, Team]]:
-    """By id, with the team's own words: on the boards of an anonymous phase stand others."""
+    """By id, with the team's own words: on the boards of an anonymous phase stand others.
+
+    Whoever forgets one of the teams does so before it is told, or after.
+    """
     query = (
         select(Submission, Team)
         .join(Team, Team.id == Submission.team_id)
         .where(Submission.id.in_(submission_ids))
+        .with_for_update(of=Team, read=True, key_share=True)
+        .execution_options(populate_existing=True)
     )
     return {submission.id: (submission, team) for submission, team in session.execute(query)}

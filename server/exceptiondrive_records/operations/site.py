@@ -7,6 +7,7 @@ from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.database import hold_words
 from exceptiondrive_records.db.errors import InvalidRecord
 from exceptiondrive_records.db.identifiers import checked_link, checked_text
 from exceptiondrive_records.teams.tables import SiteSetting
@@ -29,6 +30,7 @@ def set_site_links(session: Session, change: SiteLinks, *, actor: str) -> SiteLi
     Raises:
         InvalidRecord: A link is no https address, or a text cannot be shown.
     """
+    hold_words(session, "links of the site")
     before = site_links(session)
     given = {name: getattr(change, name) for name in change.model_fields_set}
     after = _checked_links(before.model_copy(update=given))

@@ -6,6 +6,7 @@ from datetime import datetime
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from exceptiondrive_records.accounts.people import hold_team
 from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import Conflict, NotAllowed
@@ -45,6 +46,7 @@ def accept_terms(
         raise Conflict("This phase has no terms to accept.")
     if version != current:
         raise Conflict(f"The terms stand in version {current} now: read that, and accept it.")
+    hold_team(session, team_id)
     row = session.get(TermsAcceptance, (team_id, phase.id, version))
     if row is None:
         row = TermsAcceptance(

@@ -1,6 +1,7 @@
 """End a freeze, and whatever else ends with a reveal; teams are notified of both."""
 
 from collections.abc import Iterable
+from contextlib import suppress
 from datetime import datetime
 
 from sqlalchemy import exists, select
@@ -9,6 +10,7 @@ from sqlalchemy.orm import Session
 from exceptiondrive_records.accounts.people import hold_team
 from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.boards.boards import current_board
+from exceptiondrive_records.db.errors import Conflict
 from exceptiondrive_records.db.identifiers import checked_reason
 from exceptiondrive_records.notifications.inbox import tell_team
 from exceptiondrive_records.phases.allowances import allowance_of, is_revealed, running_deadlines
@@ -50,6 +52,8 @@ def tell_teams(session: Session, phase: Phase, title: str, sentence: str) -> Non
         return
     has_ended = is_revealed(session, phase)
     for team in teams_that_read(session, phase.id):
+        # whoever forgets it does so before it is told, or after
+        session.refresh(team, with_for_update={"read": True, "key_share": True})
         own = None if has_ended else allowance_of(session, team.id, phase.id)
         until = own and own_deadline(phase, own.closes_at)
         words = f"Your team's own deadline is still {until:%Y-%m-%d %H:%M} UTC." if until else None
@@ -59,10 +63,11 @@ def tell_teams(session: Session, phase: Phase, title: str, sentence: str) -> Non
 
 def hold_running_deadlines(session: Session, phase: Phase) -> list[tuple[Team, datetime]]:
     """Return what runs until a reveal (`running_deadlines`); an upload of these teams comes before it, or after it."""
-    running = running_deadlines(session, phase)
-    for team_id in sorted(team.id for team, _ in running):
-        hold_team(session, team_id)
-    return running
+    held = []
+    for team, until in sorted(running_deadlines(session, phase), key=lambda each: each[0].id):
+        with suppress(Conflict):  # it was refused meanwhile
+            held.append((hold_team(session, team.id), until))
+    return held
 
 
 def tell_of_ended_deadlines(

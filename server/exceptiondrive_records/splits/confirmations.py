@@ -66,7 +66,9 @@ def withdraw_confirmation(session: Session, confirmation_id: str, reason: str, a
     Raises:
         NotFound: There is none with this id, or it was withdrawn.
     """
-    row = session.get(ConfirmationRow, confirmation_id)
+    row = session.get(
+        ConfirmationRow, confirmation_id, with_for_update=True, populate_existing=True
+    )
     if row is None or row.withdrawn_at is not None:
         raise NotFound("confirmation", confirmation_id)
     row.withdrawn_at = database_now(session)

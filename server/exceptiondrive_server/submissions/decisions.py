@@ -20,9 +20,10 @@ from exceptiondrive_records.phases.policy import is_late, is_published, score_ke
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.edits import edits_of
 from exceptiondrive_records.submissions.questions import is_asked_anew
-from exceptiondrive_records.submissions.submissions import confirm, find_submission
+from exceptiondrive_records.submissions.submissions import confirm, find_submission, lock_jobs
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.submissions.views import view, views
+from exceptiondrive_records.work.tables import Job
 from exceptiondrive_schemas.api.own_entries import entry_words
 from exceptiondrive_schemas.api.submission import SubmissionStatus, SubmissionView
 from exceptiondrive_schemas.jobs import Lane
@@ -86,6 +87,10 @@ def decide(
     with services.database.write() as session:
         require_unrevoked(session, principal)
         submission = find_submission(session, submission_id, team_id=team_id)
+        if team_id is None:  # its team is told of what they changed themselves
+            hold_team(session, submission.team_id)
+            lock_jobs(session, Job.submission_id == submission_id)
+            session.refresh(submission, with_for_update={"key_share": True})
         method, before = submission.method, _decided(submission)
         standing = {} if replace else _standing(session, submission)
         together = [] if replace else _together(session, submission)
