@@ -21,8 +21,8 @@ PER_ADDRESS = 30
 PER_TOKEN_ID = 6
 REGISTRATIONS_PER_ADDRESS = 5
 STARTS_PER_ADDRESS = 300
-"""Starts of sign-ins at a provider. They guess no secret, and any page can make browsers send them; so
-they have a limit of their own, which only keeps the provider from being flooded."""
+"""Starts of sign-ins at a provider. They guess no secret, and any page can make browsers send them;
+so their limit is separate, and only keeps the provider from being flooded."""
 
 _AS_IT_IS: Changes = (("n", SignInAttempts.n),)
 

@@ -153,7 +153,7 @@ _HELD_TEAM = (
 
 
 def hold_team(session: Session, team_id: int) -> Team:
-    """Lock a team until this transaction ends, so that nobody merges, forgets or refuses it; return it.
+    """Lock a team against being merged, forgotten or refused until the transaction ends; return it.
 
     Callers are serialized, which makes quotas exact. Other transactions may still write rows that
     refer to the team (`FOR NO KEY UPDATE`), such as notices.
@@ -365,7 +365,7 @@ def withdraw_invitation(session: Session, team_id: int, invitation_id: str, *, a
 def withdraw_invitations_of(
     session: Session, made_by: str, *of: ColumnElement[bool], actor: str
 ) -> None:
-    """Withdraw the invitations of a maker who may no longer invite, or those that meet conditions."""
+    """Withdraw invitations of somebody who may no longer invite: all, or those that `of` selects."""
     query = select(Invitation).where(
         Invitation.made_by == made_by, *of, *_usable_conditions(session)
     )

@@ -399,5 +399,5 @@ def find_team_token(session: Session, principal: Principal, token_id: str) -> To
 
 
 def may_invite(principal: Principal) -> bool:
-    """Whether the principal has all rights of a new member: every scope of a team, without expiry."""
+    """Whether it has all rights that a new member gets: every scope of a team, without expiry."""
     return set(TEAM_SCOPES) <= principal.scopes and principal.expires_at is None
