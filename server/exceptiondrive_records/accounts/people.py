@@ -365,7 +365,7 @@ def withdraw_invitation(session: Session, team_id: int, invitation_id: str, *, a
 def withdraw_invitations_of(
     session: Session, made_by: str, *of: ColumnElement[bool], actor: str
 ) -> None:
-    """Withdraw invitations of somebody who may no longer invite: all, or those that `of` selects."""
+    """Withdraw invitations of a maker who may no longer invite: all, or those that `of` selects."""
     query = select(Invitation).where(
         Invitation.made_by == made_by, *of, *_usable_conditions(session)
     )

@@ -48,7 +48,7 @@ def _live_revision(session: Session, phase: Phase, revision: str) -> str:
 
 
 def _worth(sheet: ScoreSheet, protocol: ProtocolDocument) -> tuple[bool, list[tuple[bool, float]]]:
-    """Return the sort key: whether it is ranked, then the metrics that rank, undefined ones last."""
+    """Return the sort key: whether it is ranked, then its ranking metrics, undefined ones last."""
     values = sheet.average(protocol.grading.headline)
     flags = {flag.code for flag in sheet.plausibility.flags}
     shares = (sheet.coverage.edited, sheet.coverage.source)

@@ -289,7 +289,7 @@ def _aliases_on(row: BoardRow) -> dict[str, str]:
 
 
 def _under_aliases(board: Board, aliases: Mapping[str, str]) -> Board:
-    """Show forgotten teams under aliases, without texts; pseudonyms stay, as they reveal nothing."""
+    """Show forgotten teams under aliases, without texts; pseudonyms stay: they reveal nothing."""
     wordless = {"description": "", "links": Links()}
     named = (under_alias(entry, aliases) for entry in board.entries)
     entries = (

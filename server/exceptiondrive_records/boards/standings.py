@@ -61,7 +61,7 @@ class EntryRecord:
     accepted_under: ProtocolDocument
     """The protocol whose bounds its file passed."""
     linked_to: str | None = None
-    """The team's submission of the same agent without reminder, whether or not it is on the board."""
+    """The team's submission of the same agent without reminder; it need not be on the board."""
     is_late: bool = False
 
 
@@ -243,7 +243,7 @@ def _entries_due(
 
 
 def _withdrawn_since(session: Session, phase: Phase) -> list[_Scored]:
-    """Return public entries withdrawn after the deadline; those that they replaced do not return."""
+    """Return public entries withdrawn after the deadline; what they replaced does not return."""
     query = (
         select(Submission, Team)
         .join(Team, Team.id == Submission.team_id)
@@ -293,7 +293,7 @@ def _picker(session: Session, phase: Phase, key: ScoringKey) -> _Picker:
 
 
 def _of_teams(scored: list[_Scored]) -> list[_Scored]:
-    """Return each team's last choice, or else its latest entry; reference teams keep all methods."""
+    """Return each team's last choice or else latest entry; reference teams keep all methods."""
     references = _of_methods(each for each in scored if each.team.is_reference)
     one: dict[int, _Scored] = {}
     for each in scored:
