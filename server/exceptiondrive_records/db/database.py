@@ -43,7 +43,7 @@ BUSY_TIMEOUT_MS = 15_000
 _AUTOCOMMIT = "AUTOCOMMIT"
 _BY_ITSELF = {"isolation_level": _AUTOCOMMIT}
 _FOR_ONE_BLOCK: dict[str, Any] = {"expire_on_commit": False, "close_resets_only": False}
-"""Loaded objects stay readable after the block; queries after it are errors, not leaked connections."""
+"""Loaded objects stay readable after the block; a later query is an error, not a leaked connection."""
 _INSUFFICIENT_PRIVILEGE = "42501"
 _DIVISION_BY_ZERO = "22012"
 _UNDEFINED_TABLE = "42P01"
@@ -104,7 +104,7 @@ class Database:
             yield session
 
     def takes_writes(self) -> bool:
-        """Whether rows can be added: no standby, and no file that its owner or this user only reads.
+        """Whether rows can be added: not on a standby, nor in a file read-only for owner or user.
 
         Raises:
             SQLAlchemyError: The database does not answer.

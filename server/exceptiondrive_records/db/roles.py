@@ -148,7 +148,7 @@ _NO_LARGE_OBJECTS = """DO $$ DECLARE maker regprocedure; BEGIN
         LOOP EXECUTE format('REVOKE EXECUTE ON FUNCTION %s FROM PUBLIC', maker); END LOOP;
     END IF;
 END $$"""
-"""Large objects could fill the disk despite the table rights. Only a superuser can revoke this right."""
+"""Large objects could fill the disk despite the table rights. Only a superuser can revoke them."""
 
 
 _PHASES_FOLLOW_BOARDS = (

@@ -106,7 +106,7 @@ def publish(session: Session, submission_id: str, *, actor: str) -> Submission:
 
 
 def publishable(session: Session, phase: Phase, private: Sequence[Submission]) -> set[str]:
-    """Return the ids of those private entries that may be made public, if the phase still allows it.
+    """Return the ids of those private entries that their teams may still make public.
 
     After the deadline that is one entry of each method (or of each team, if the phase shows one of
     each) that has no public one: the one that the team chose, or else its newest. So nobody picks
