@@ -43,7 +43,7 @@ BUSY_TIMEOUT_MS = 15_000
 _AUTOCOMMIT = "AUTOCOMMIT"
 _BY_ITSELF = {"isolation_level": _AUTOCOMMIT}
 _FOR_ONE_BLOCK: dict[str, Any] = {"expire_on_commit": False, "close_resets_only": False}
-"""Loaded objects stay readable after the block; a later query is an error, not a leaked connection."""
+"""Loaded objects stay readable after the block; later queries fail, and leak no connection."""
 _INSUFFICIENT_PRIVILEGE = "42501"
 _DIVISION_BY_ZERO = "22012"
 _UNDEFINED_TABLE = "42P01"

@@ -25,7 +25,7 @@ server had closed it, there would be something to read."""
 BEGIN = "BEGIN"
 _GIVEN_BACK = "exceptiondrive_given_back_s"
 _LOST_AFTER_30_S = {"tcp_user_timeout": 30_000, "keepalives_idle": 10, "keepalives_interval": 5}
-"""A lost machine or network is detected within 30 s; a stopped server is not: its kernel answers."""
+"""A lost machine or network is noticed within 30 s; a stopped server is not: its kernel answers."""
 _LOCK_TIMEOUT = "30s"
 
 

@@ -97,7 +97,7 @@ def tell_teams(database: Database) -> int:
 
 
 def _wishes(session: Session) -> dict[int, dict[Subscription, datetime]]:
-    """Return, by team, what its confirmed addresses subscribe to besides updates, and since when."""
+    """Return by team what its confirmed addresses subscribe to besides updates, and since when."""
     query = select(ContactPoint).where(
         ContactPoint.removed_at.is_(None),
         ContactPoint.confirmed_at.is_not(None),

@@ -124,7 +124,7 @@ def remove_orphan(
 
 
 def run_sweeper(database: Database, files: FileStore, stop: threading.Event) -> None:
-    """Sweep every few hours what crashes left, until `stop` is set; one reconciler at a time does."""
+    """Sweep what crashes left every few hours, in one reconciler at a time, until `stop` is set."""
     from structlog import get_logger  # operators' commands do not log
 
     log = get_logger("exceptiondrive.reconciler")

@@ -138,7 +138,7 @@ def _entry_faults(
 def _reference_faults(
     entry: BoardEntry, row: BoardRow, references: dict[_SheetKey, MetricRow]
 ) -> Iterator[tuple[str, str]]:
-    """Check that all boards under a split and protocol agree on a reference, which depends on these only.
+    """Check that boards of a split and protocol agree on a reference, which depends on these only.
 
     A board of an older release may lack metrics of later ones.
     """
@@ -277,7 +277,7 @@ def _submissions_and_jobs(session: Session) -> Iterator[Violation]:
 
 
 def damaged_uploads(session: Session, files: FileStore, *, limit_bytes: int) -> list[Violation]:
-    """Read every file that the records mention; return missing or damaged ones with their owners."""
+    """Read every file that the records mention; return missing or damaged ones, with owners."""
     found = []
     for digest in file_digests(session):
         try:
@@ -325,7 +325,7 @@ def _leases(held: _Held) -> Iterator[Violation]:
 
 
 def _sheets_of_jobs(held: _Held) -> Iterator[Violation]:
-    """Check that every sheet comes from a finished job, and that scored submissions have a sheet."""
+    """Check that every sheet comes from a finished job, and that scored submissions have one."""
     done = {
         (job.submission_id, job.protocol_digest, job.split_revision)
         for job in held.jobs
@@ -342,7 +342,7 @@ def _sheets_of_jobs(held: _Held) -> Iterator[Violation]:
 
 
 def _status_violations(held: _Held) -> Iterator[Violation]:
-    """Check that rejected ones have a report and no sheet, failed ones a code, withdrawn ones a time."""
+    """Check that rejected means a report and no sheet, failed a code, and withdrawn a time."""
     scored = {submission_id for submission_id, _, _ in held.sheets}
     for row in held.submissions.values():
         if row.status is Status.REJECTED and (row.id not in held.reported or row.id in scored):
@@ -354,7 +354,7 @@ def _status_violations(held: _Held) -> Iterator[Violation]:
 
 
 def _stand_on_the_board(session: Session) -> Iterator[Violation]:
-    """Check that submissions are, or will be, scored under the key of their phase, but for open updates."""
+    """Check that all are, or will be, scored under what their phase shows; open updates excepted."""
     shown = select(Phase.id, Phase.protocol_digest, Phase.split_revision)
     for phase_id, *key in session.execute(shown.where(~exists().where(IS_TWO_SIDED))).all():
         found = left_out(phase_id, ScoringKey(*key))
@@ -364,7 +364,7 @@ def _stand_on_the_board(session: Session) -> Iterator[Violation]:
 
 
 def _scored_once(session: Session) -> Iterator[Violation]:
-    """Check for each submission and protocol that the log has as many "scored" lines as there are sheets."""
+    """Check that each submission and protocol has as many "scored" audit lines as sheets."""
     lines = session.scalars(select(AuditLine).where(AuditLine.action == "submission scored"))
     said = Counter((line.subject, str(line.detail.get("protocol"))) for line in lines)
     kept = Counter((key[0], key[1]) for key in session.execute(select(*_SHEET_KEY)))

@@ -68,8 +68,7 @@ class Overview:
     n_received_today: int
     """Submissions received in the last 24 hours."""
     floors_held: tuple[AuditLine, ...]
-    """Work on withheld splits that floors made workers refuse in the last 30 days and that is still
-    requested, newest first."""
+    """Refused work on withheld splits of the last 30 days that is still requested, newest first."""
     troubles: tuple[Trouble, ...]
     """Problems that raise no error."""
     probing: tuple[AuditLine, ...]
@@ -157,7 +156,7 @@ def lane_queue(session: Session, lane: Lane) -> LaneQueue:
 
 
 def worker_signs(session: Session) -> Iterable[WorkerSign]:
-    """Yield the last heartbeats of workers, newest first. New heartbeats delete those over an hour old."""
+    """Yield the last heartbeats of workers, newest first; `beat` deletes those over an hour old."""
     now = database_now(session)
     signs = select(WorkerHeartbeat).where(WorkerHeartbeat.at < SET_BACK)
     order = WorkerHeartbeat.at.desc(), WorkerHeartbeat.worker_id

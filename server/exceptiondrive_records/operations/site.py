@@ -52,7 +52,7 @@ _PREPARING_AT_LONGEST = timedelta(minutes=10)
 
 
 def say_preparing(session: Session, words: str) -> None:
-    """Make pages show what is being prepared before there is anything to see; empty words end it."""
+    """Let pages show what is being prepared before there is anything to see; empty words end it."""
     row = SiteSetting(name=_PREPARING, value={"words": words}, changed_at=database_now(session))
     session.merge(row)
 

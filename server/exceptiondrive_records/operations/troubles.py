@@ -126,7 +126,7 @@ def _reconciler(session: Session) -> Iterator[Trouble]:
 
 
 def _boards(session: Session) -> Iterator[Trouble]:
-    """Find unfinished boards: a build that fails keeps its lease, and is retried when that expires."""
+    """Find unfinished boards: a failed build keeps its lease, and is retried when that expires."""
     in_vain = (BoardRequest.state.in_(OPEN_STATES), BoardRequest.attempts >= BEGUN_IN_VAIN)
     times = func.max(BoardRequest.attempts)
     query = select(Phase, times).join(BoardRequest, BoardRequest.phase_id == Phase.id)
@@ -170,7 +170,7 @@ def _phases(session: Session, phases: Sequence[Phase]) -> Iterator[Trouble]:
 
 
 def _mail(session: Session) -> Iterator[Trouble]:
-    """Report failed mails since which no mail was sent; one failing address is its team's concern."""
+    """Report failed mails if no mail was sent since; one failing address is its team's concern."""
     since = database_now(session) - _MAIL_OF
     mails = select(Delivery).join(ContactPoint).where(ContactPoint.channel == Channel.EMAIL)
     last_sent_at = session.scalar(

@@ -26,7 +26,7 @@ from exceptiondrive_schemas.board import BoardNews
 
 
 def unlogged_forgetting(session: Session) -> Iterator[Violation]:
-    """Check that the audit log says of exactly the forgotten teams, shown by alias, who forgot them."""
+    """Check that the log names exactly the forgotten teams, which boards show under aliases."""
     said = select(AuditLine.subject).where(AuditLine.action == "team forgotten")
     is_forgotten = Team.forgotten_at.is_not(None) & Team.merged_into_id.is_(None)
     for team in session.scalars(select(Team.slug).where(is_forgotten, Team.slug.not_in(said))):
