@@ -354,7 +354,7 @@ def _status_violations(held: _Held) -> Iterator[Violation]:
 
 
 def _stand_on_the_board(session: Session) -> Iterator[Violation]:
-    """Check that all are, or will be, scored under what their phase shows; open updates excepted."""
+    """Check that all are, or will be, scored under what their phase shows, but for open updates."""
     shown = select(Phase.id, Phase.protocol_digest, Phase.split_revision)
     for phase_id, *key in session.execute(shown.where(~exists().where(IS_TWO_SIDED))).all():
         found = left_out(phase_id, ScoringKey(*key))

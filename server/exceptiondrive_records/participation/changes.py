@@ -113,8 +113,7 @@ def merge_teams(
 
     A shared address is kept once, and outcomes of submissions are not notified again. The merged
     team keeps its id, so that its audit lines stay readable, but no token and no people. Both
-    quotas count together. A later deadline still holds for submissions of the merged team; no
-    allowance moves.
+    quotas count together. Later deadlines hold for its submissions; no allowance moves. Irreversible.
 
     Returns:
         The remaining team, and the number of submissions that moved to it.
@@ -124,8 +123,7 @@ def merge_teams(
         InvalidRecord: The reason cannot be stored.
         Conflict: They are the same team; one of them is merged, forgotten or disqualified, waits
             for approval or is a reference; both submitted the same bytes to one phase; or an entry
-            of one would displace one of the other in a closed or archived phase, where entries are
-            final.
+            of one would displace a final one of the other, in a closed or archived phase.
     """
     ids = sorted({find_team(session, slug).id, find_team(session, into).id})
     if len(ids) == 1:

@@ -37,8 +37,7 @@ def forget_team(session: Session, slug: str, *, reason: str, actor: str) -> Team
     """Delete all personal data of a team; its scored entries stay, under an alias. Irreversible.
 
     This deletes names, note, affiliation, people without another team, addresses, questions,
-    notices and descriptions of methods, also those of teams that were merged into it. Its tokens
-    and sessions end.
+    notices and descriptions of methods, also of merged teams, and ends tokens and sessions.
 
     Raises:
         NotFound: No such team.

@@ -108,7 +108,7 @@ def require_not_disqualified(
 
 
 def team_disqualified_since(session: Session, team_id: int, phase: Phase) -> datetime | None:
-    """Return since when a team is disqualified in a phase, which refuses its uploads; None if not."""
+    """Return since when a phase refuses uploads of a team, as it is disqualified; None if not."""
     found = session.scalars(_OF_TEAM, {"team": team_id, "phase": phase.id}).first()
     return None if found is None else found.disqualified_at
 

@@ -127,7 +127,7 @@ def can_publish(session: Session, phase: Phase) -> bool:
 
 
 def has_revealed(session: Session, phase: Phase, since: datetime) -> bool:
-    """Whether kept-back scores were shown at or after `since`, or the split revealed at any time."""
+    """Whether kept-back scores were shown at or after `since`, or the split was ever revealed."""
     unfrozen_at = phase.unfrozen_at if phase.policy.frozen_scores == "hidden" else None
     is_since = unfrozen_at is not None and unfrozen_at >= since
     return is_since or was_split_revealed(session, phase)
