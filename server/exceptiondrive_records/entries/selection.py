@@ -108,9 +108,8 @@ def publish(session: Session, submission_id: str, *, actor: str) -> Submission:
 def publishable(session: Session, phase: Phase, private: Sequence[Submission]) -> set[str]:
     """Return the ids of those private entries that their teams may still make public.
 
-    After the deadline that is one entry of each method (or of each team, if the phase shows one of
-    each) that has no public one: the one that the team chose, or else its newest. So nobody picks
-    after the fact.
+    After the deadline that is the chosen or else newest entry of each method (or team, if the phase
+    shows one of each) that has no public entry, so that nobody picks after the fact.
     """
     now = database_now(session)
     final = [each for each in private if _is_final(phase, each, now)]

@@ -53,8 +53,7 @@ def add_contact(
     """Add an address for notices to a team; a webhook gets a secret that signs its messages.
 
     An e-mail address gets one request for confirmation, and nothing more until its reader confirms.
-    After its reader unsubscribed by the link in a mail, no team can add it until they take that
-    back.
+    Once its reader unsubscribes by the link in a mail, no team can add it until they take that back.
 
     Raises:
         NotAllowed: The team is not approved yet: strangers could make the site write to anybody.

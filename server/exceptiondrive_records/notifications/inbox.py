@@ -84,7 +84,7 @@ def _changed_entries(comparison: Comparison) -> list[EntryChange]:
 
 
 def _what_stands(session: Session, comparison: Comparison) -> str:
-    """Name what is new: the protocol, else the newly counted part of the split, else its revision."""
+    """Name what is new: the protocol, else the newly counted part of the split or its revision."""
     if comparison.from_protocol != comparison.to_protocol:
         return f"protocol {comparison.to_protocol.version}"
     new = comparison.to_split

@@ -113,7 +113,7 @@ def merge_teams(
 
     A shared address is kept once, and outcomes of submissions are not notified again. The merged
     team keeps its id, so that its audit lines stay readable, but no token and no people. Both
-    quotas count together. Later deadlines hold for its submissions; no allowance moves. Irreversible.
+    quotas count together. Its later deadlines hold; no allowance moves. This is irreversible.
 
     Returns:
         The remaining team, and the number of submissions that moved to it.

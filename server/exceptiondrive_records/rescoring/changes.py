@@ -317,8 +317,8 @@ def _target_key(
 
 # Checks whether accepted files of a phase can be scored under the new protocol or revision.
 #
-# If not, the draft of the run is refused: its sheets would all fail, or use fewer waypoints than those
-# of new submissions. Only workers can check that the protocol has all tasks of the split
+# If not, the draft of the run is refused: its sheets would all fail, or use fewer waypoints than
+# those of new submissions. Only workers can check that the protocol has all tasks of the split
 # (`split_refused`): the server does not know the tasks of a withheld split.
 
 

@@ -59,7 +59,7 @@ def _tend_run(session: Session, run: RescoringRun, max_attempts: int) -> int:
     if run.state is RunState.PAUSED:
         hold_jobs(session, run)
         return 0
-    _move_jobs(session, run, (WorkState.HELD,), WorkState.QUEUED)  # uploads during the pause were held
+    _move_jobs(session, run, (WorkState.HELD,), WorkState.QUEUED)  # uploads in a pause were held
     made = 0
     for key in _both_keys(run):
         room = BATCH - count_jobs(session, run.phase_id, key, OPEN_STATES)

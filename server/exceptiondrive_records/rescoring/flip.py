@@ -275,7 +275,7 @@ def _turn_waiting_jobs(session: Session, phase_id: str, old: ScoringKey, new: Sc
     """Make the job under the shown key the first job of submissions without any score yet."""
     waiting = _waiting_under(phase_id, old).intersect(_waiting_under(phase_id, new))
     lock_jobs(session, Job.submission_id.in_(waiting))
-    both = list(session.scalars(waiting))  # reread under lock: some may have been claimed or withdrawn
+    both = list(session.scalars(waiting))  # reread: some may be claimed now
     for key, is_first in ((old, False), (new, True)):
         session.execute(
             update(Job)

@@ -62,7 +62,7 @@ def tell_teams(session: Session, phase: Phase, title: str, sentence: str) -> Non
 
 
 def hold_running_deadlines(session: Session, phase: Phase) -> list[tuple[Team, datetime]]:
-    """Return `running_deadlines`, and lock the teams, so that no upload overlaps with the reveal."""
+    """Return `running_deadlines`, and lock the teams, so that no upload overlaps the reveal."""
     held = []
     for team, until in sorted(running_deadlines(session, phase), key=lambda each: each[0].id):
         with suppress(Conflict):  # it was refused meanwhile
