@@ -57,10 +57,10 @@ def _key(name: str) -> str:
 def count_attempt(session: Session, limits: Mapping[str, int]) -> None:
     """Count an attempt before it is evaluated.
 
-    `limits` has the most attempts per window by key.
+    `limits` maps each key to its maximum number of attempts per window.
 
     Raises:
-        TooManyAttempts: One of the keys has none left; nothing is counted.
+        TooManyAttempts: One of the keys has no attempts left; nothing is counted.
     """
     now = database_now(session)
     for key, limit in sorted(limits.items()):

@@ -1,4 +1,4 @@
-"""Which token or person issued each token, according to the audit log.
+"""Find out from the audit log which token or person issued each token.
 
 A token outlives its issuer, as a rotated token must. So whoever revokes a token is shown the tokens
 that it issued and that still work.
@@ -34,7 +34,7 @@ def live_tokens_by_maker(
 ) -> dict[str, list[Token]]:
     """Return, for each actor, the live tokens that it issued, directly or through tokens that it issued.
 
-    Of one team, or of all; newest first.
+    Newest first; with `team_id`, only those of that team.
     """
     makers, now = makers_of_tokens(session, team_id), database_now(session)
     live = [token for token in list_tokens(session, team_id) if is_live(token, now)]

@@ -124,7 +124,7 @@ def set_organizer(
 
 
 def _safe_text(text: str | None, max_length: int) -> str | None:
-    """Return a provider's text if it is safe to show; a bad name does not refuse the sign-in."""
+    """Return a provider's text if it is safe to show, else None: a bad name refuses no sign-in."""
     if text is None:
         return None
     try:
@@ -133,7 +133,7 @@ def _safe_text(text: str | None, max_length: int) -> str | None:
         return None
 
 
-# Who belongs to which team. People join by an invitation: a link that works once.
+# Membership of teams. People join by an invitation: a link that works once.
 
 
 INVITATION_LIFETIME = timedelta(days=7)
@@ -267,8 +267,8 @@ def invite(
     """Make an invitation; the secret at the end of its link is returned only here.
 
     Raises:
-        Conflict: The team has enough open invitations, or made enough of them today; or it was
-            refused or forgotten, or became part of another one.
+        Conflict: The team reached its limit of open or of daily invitations; or it was refused,
+            forgotten or merged into another one.
     """
     team = hold_team(session, team_id)
     team.require_there()

@@ -36,7 +36,7 @@ def open_token_session(session: Session, principal: Principal) -> str:
     """Open a session with the rights of a token; its secret is returned only here.
 
     Raises:
-        Conflict: The team signed in often enough today, or was refused.
+        Conflict: The team reached its daily limit of sign-ins, or was refused.
     """
     if principal.team_id is not None:
         hold_team(session, principal.team_id)
@@ -51,7 +51,7 @@ def open_person_session(session: Session, person: Person) -> str:
     An organizer starts as an organizer; anybody else starts acting for the first of their teams.
 
     Raises:
-        Conflict: The person signed in often enough today.
+        Conflict: The person reached their daily limit of sign-ins.
     """
     _require_sign_ins_left(session, select(Person.id).where(Person.id == person.id))
     teams = [] if person.is_organizer else teams_of(session, person.id)

@@ -132,7 +132,7 @@ def issue_token(
     Raises:
         InvalidRecord: No scope, or an unknown one; the name cannot be used; the end is in the past.
         NotFound: It is confined to a phase that does not exist.
-        Conflict: The team was refused or forgotten, or became part of another one.
+        Conflict: The team was refused, forgotten, or merged into another one.
     """
     if team_id is not None:
         hold_team(session, team_id).require_there()

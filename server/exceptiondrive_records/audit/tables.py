@@ -9,7 +9,7 @@ from exceptiondrive_records.db.base import Base
 
 
 class AuditLine(Base):
-    """Who did what, append-only and hash-chained."""
+    """A line of the audit log: who did what; append-only and hash-chained."""
 
     __tablename__ = "audit_lines"
     id: Mapped[int] = mapped_column(primary_key=True, autoincrement=False)

@@ -1,4 +1,4 @@
-"""Which scored submissions a board lists, and what it may show of each."""
+"""Select the scored submissions that a board lists, and what it may show of each."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass

@@ -1,1 +1,1 @@
-"""The database: its connection, clock, column types, and what all tables share."""
+"""The database: its connection, clock, column types, and the base of all tables."""

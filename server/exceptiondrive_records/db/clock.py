@@ -36,7 +36,7 @@ class seconds_since(GenericFunction[float]):  # noqa: N801
 NOW = seconds_from_now(literal_column("0"))
 """SQL expression: the start time of the statement."""
 SET_BACK = seconds_from_now(literal_column("60"))
-"""Claims and marks later than this predate a setting back of the clock, and are no longer valid."""
+"""A claim or mark later than this was made before the clock was set back, and no longer holds."""
 
 
 @compiles(seconds_from_now)

@@ -44,7 +44,7 @@ def do_last(
 def require_last(
     session: Session, holds: ColumnElement[bool], given: Mapping[str, Any], refusal: Exception
 ) -> None:
-    """Commit this write transaction only if a condition holds at its end, under its locks.
+    """Commit this write transaction only if a condition holds at its end, with shared rows locked.
 
     Otherwise `refusal` is raised.
     """

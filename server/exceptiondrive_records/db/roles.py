@@ -1,8 +1,8 @@
 """Database roles in production: least privilege for each service on each table.
 
-`RIGHTS` is the only source: `exceptiondrive-server roles` prints its statements, `migrate
---grant-to` applies them, and tests run the services under these roles. The owner of the tables runs
-migrations; no service connects as the owner.
+`RIGHTS` is the only source: `exceptiondrive-server roles` prints its statements,
+`migrate --grant-to` applies them, and tests run the services under these roles. The owner of the
+tables runs migrations; no service connects as the owner.
 """
 
 from collections.abc import Iterator, Mapping
@@ -148,7 +148,7 @@ _NO_LARGE_OBJECTS = """DO $$ DECLARE maker regprocedure; BEGIN
         LOOP EXECUTE format('REVOKE EXECUTE ON FUNCTION %s FROM PUBLIC', maker); END LOOP;
     END IF;
 END $$"""
-"""Large objects could fill the disk despite the table rights. Only a superuser can revoke them."""
+"""Large objects could fill the disk despite the table rights. Only a superuser can revoke this."""
 
 
 _PHASES_FOLLOW_BOARDS = (

@@ -1,1 +1,1 @@
-"""The rows of a board, one by one and side by side."""
+"""The choices of teams about their entries on boards."""

@@ -37,7 +37,7 @@ MAX_CHANGED_A_DAY = 50
 MAX_ASKED_A_DAY = 3
 """Confirmation requests to one mailbox, by all teams together."""
 MAX_ASKED_BY_ONE = 2
-"""Those of one team among them, so that it does not use up the limit of others."""
+"""Those by one team among them, so that one team cannot use up the shared limit."""
 _EMAIL = re.compile(r"[A-Za-z0-9._%+-]{1,64}@(?:[A-Za-z0-9-]{1,63}\.)+[A-Za-z]{2,24}")
 
 
@@ -53,7 +53,7 @@ def add_contact(
     """Add an address for notices to a team; a webhook gets a secret that signs its messages.
 
     An e-mail address gets one request for confirmation, and nothing more until its reader confirms.
-    Once its reader unsubscribes by the link in a mail, no team can add it until they take that back.
+    If its reader unsubscribes by the link in a mail, no team can add it until they undo that.
 
     Raises:
         NotAllowed: The team is not approved yet: strangers could make the site write to anybody.

@@ -1,4 +1,4 @@
-"""Whether an IP address is on the public internet rather than in our own network."""
+"""Check whether an IP address is on the public internet rather than in our own network."""
 
 import ipaddress
 

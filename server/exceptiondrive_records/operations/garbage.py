@@ -2,8 +2,8 @@
 
 The file of a refused upload is removed at once, that of an unconfirmed upload after its time to
 confirm, and a file left by a crash when it is old. The hard case is a concurrent upload of the same
-bytes, which finds the file stored before its own record is written. So `file_store.is_kept` checks
-inside the upload's transaction, under a lock that excludes removal, that the file is there, or
+bytes, which finds the file stored before its own record is written. So the upload's transaction
+checks with `file_store.is_kept`, under a lock that excludes removal, that the file is there, or
 stores it again; storing a file also renews its age.
 
 With a database that is empty or older than the uploads, all files look like garbage. So only an

@@ -54,7 +54,7 @@ _Totals = tuple[MetricRow, MetricRow]
 
 
 def broken_boards(session: Session) -> Iterator[Violation]:
-    """Yield violations by boards and by the pointers to them."""
+    """Yield violations of invariants by boards and by the pointers to them."""
     query = select(BoardRow).order_by(BoardRow.phase_id, BoardRow.number)
     last: dict[str, int] = {}
     totals: dict[_SheetKey, _Totals | None] = {}

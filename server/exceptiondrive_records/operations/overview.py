@@ -48,7 +48,7 @@ class LaneQueue:
 
 @dataclass(frozen=True)
 class WorkerSign:
-    """The last sign of life of a worker."""
+    """The last heartbeat of a worker."""
 
     worker_id: str
     lanes: tuple[str, ...]

@@ -1,4 +1,4 @@
-"""When a phase accepts a team's submissions, which a granted later deadline may extend."""
+"""Decide whether a phase accepts a team's submissions, given a later deadline of its own."""
 
 from datetime import datetime
 

@@ -1,4 +1,4 @@
-"""Who is disqualified, as checked before an upload is accepted and whenever a board is built."""
+"""Find who is disqualified, before an upload is accepted and whenever a board is built."""
 
 from collections.abc import Sequence
 from datetime import datetime

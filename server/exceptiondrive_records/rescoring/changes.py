@@ -135,7 +135,7 @@ def start_verification(
 def verify_submission(
     session: Session, submission_id: str, *, reason: str, actor: str
 ) -> RescoringRun:
-    """Start a verification of one submission's sheet; the audit log has a line for each of both.
+    """Start a verification of one submission's sheet; the run and the submission get audit lines.
 
     Raises:
         NotFound: No such submission.

@@ -32,7 +32,7 @@ from exceptiondrive_schemas.jobs import Lane
 def retry_submission(
     session: Session, submission_id: str, *, actor: str, reason: str | None = None
 ) -> Submission:
-    """Queue a failed submission again, with all its attempts.
+    """Queue a failed submission again, with all attempts restored.
 
     If the protocol was changed since, it is also scored under the new one, as otherwise no shown
     board would list it. A reason is kept in the audit log.

@@ -168,8 +168,8 @@ def public_run(session: Session, run_id: str, *, with_hidden: bool = False) -> P
 
     `with_hidden`, for organizers, allows runs of hidden phases.
 
-    Raises: NotFound: There is none, it was never applied, or its phase is hidden; the sentence is
-        the same.
+    Raises:
+        NotFound: There is none, it was never applied, or it is of a hidden phase; all read alike.
     """
     run = session.get(RescoringRun, run_id)
     applied = None if run is None else _applied_comparison(session, run)

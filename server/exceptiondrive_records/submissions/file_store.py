@@ -155,7 +155,7 @@ class FileStore:
         )
 
     def has_room(self) -> bool:
-        """Whether another file leaves room for records and boards; True if the store is no folder."""
+        """Whether another file leaves room for records and boards; True if no folder is used."""
         return self._folder is None or (self.free_bytes() or 0) >= LEAST_FREE_BYTES
 
     def is_empty(self) -> bool:

@@ -1,4 +1,4 @@
-"""Ask a team before an upload counts which replaces one of its entries."""
+"""Ask a team for confirmation before an upload that replaces one of its entries counts."""
 
 from sqlalchemy.orm import Session
 
@@ -32,7 +32,7 @@ def entry_replaced_by(session: Session, submission: Submission) -> SubmissionVie
 
 
 def is_asked_anew(session: Session, asked: Submission) -> bool:
-    """Whether an upload now replaces another entry than its team was asked about; then ask again."""
+    """Update the question about an upload if it replaces another entry now; return whether it does."""
     hold_team(session, asked.team_id)
     session.refresh(asked)
     report = asked.report

@@ -23,7 +23,7 @@ from exceptiondrive_schemas.api.similarity import (
 
 MOST_PAIRS = 500
 PROBES_BEFORE_ALARM = 5
-"""From so many submissions that change a few samples of another, they are reported and audited."""
+"""How many submissions that change a few samples of another raise a report and an audit line."""
 
 
 _HAS_SCORE = exists().where(ScoreSheetRow.submission_id == Submission.id)
@@ -135,7 +135,7 @@ class _Known:
 
 
 def _equal_files(known: dict[str, _Known]) -> Iterator[AlikePair]:
-    """Pair each file with the first team that sent it, whatever its outcome; skip confirmed ones."""
+    """Pair equal files of different teams, whatever the outcome; a confirmed upload counts once."""
     first: dict[str, _Known] = {}
     for each in known.values():
         if each.submission.confirmed_as is not None:

@@ -364,8 +364,9 @@ def require_acceptable(
     It is called before any byte is stored, and again by `accept` under the lock of the team,
     without which quotas would not be exact.
 
-    Returns: The team's first submission of the same bytes, if any, and the later deadline granted
-        to the team, for a new one, unless a reveal has ended it.
+    Returns:
+        The team's first submission of the same bytes, if any; and for a new one the later deadline
+        granted to the team, unless a reveal has ended it.
 
     Raises:
         RecordsError: As `accept`, except for texts and links.

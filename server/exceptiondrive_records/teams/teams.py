@@ -113,9 +113,9 @@ def list_teams(session: Session) -> list[Team]:
 def refuse_team(session: Session, slug: str, *, reason: str, actor: str) -> None:
     """Refuse and delete a team that waits for approval: its id and name are free again.
 
-    Only audit lines stay: its own, and one for each member, who is notified by it. Foreign keys
-    name the rows to delete, in every table, directly or indirectly of the team. Rows in tables in
-    which the server may not delete prevent the refusal.
+    Only audit lines stay: its own, and one for each member, who reads of the refusal there. All
+    rows that refer to the team, directly or indirectly, are found by their foreign keys and
+    deleted. Rows in tables from which the server may not delete prevent the refusal.
 
     Raises:
         NotFound: There is no such team.

@@ -52,7 +52,7 @@ def fair_order(
         queue = rows.select_from(Team).join(one, one.id == oldest.scalar_subquery()).cte()
     else:
         queue = rows.where(waiting).cte()
-    # MATERIALIZED: PostgreSQL would expect one row, and evaluate a CTE again for each joined row.
+    # MATERIALIZED, else PostgreSQL, which expects one row, evaluates the CTE for each joined row.
     running = (
         select(Job.team_id, func.count(Job.id).label("number"))
         .where(Job.lane == lane, _RUNS)
