@@ -465,6 +465,19 @@ def test_two_organizers_set_two_links_of_the_site_at_once(world: World) -> None:
         assert links.items() <= site_links(session).model_dump().items()
 
 
+def test_who_joins_by_two_clicks_at_once_has_joined(world: World) -> None:
+    with world.database.write() as session:
+        link, _ = invite(session, world.team_id, "Ada", actor="test")
+        eve = welcome_person(session, Identity("https://id.test", "eve")).id
+
+    def join(session: Session) -> None:
+        accept_invitation(session, link, eve, actor="test")
+
+    assert refusal(world.database, join, join) is None
+    with world.database.read() as session:
+        assert count_audit_lines(session, "member joined") == 1
+
+
 def test_who_joins_by_an_invitation_leaves_none_to_withdraw(world: World) -> None:
     with world.database.write() as session:
         link, invitation = invite(session, world.team_id, "Ada", actor="token:x")
