@@ -21,8 +21,8 @@ PER_ADDRESS = 30
 PER_TOKEN_ID = 6
 REGISTRATIONS_PER_ADDRESS = 5
 STARTS_PER_ADDRESS = 300
-"""Of sign-ins at a provider. No guess is made by one, and any page can make browsers begin some; so
-they are counted apart, and only keep the provider from being flooded."""
+"""Starts of sign-ins at a provider. They guess no secret, and any page can make browsers send them;
+so their limit is separate, and only keeps the provider from being flooded."""
 
 _AS_IT_IS: Changes = (("n", SignInAttempts.n),)
 
@@ -30,8 +30,8 @@ _AS_IT_IS: Changes = (("n", SignInAttempts.n),)
 def keys_of(address: str, token_text: str) -> dict[str, int]:
     """Return the keys under which an attempt counts, each with its limit.
 
-    Digests: an address is not read at a glance, but found by whoever tries all there are. They go with
-    the first sign-in that succeeds after their quarter of an hour.
+    Keys are digests, which hide an address from a glance, not from a brute-force search. The first
+    sign-in that succeeds after their window of 15 minutes deletes them.
     """
     limits = {_key(f"address {address}"): PER_ADDRESS}
     parts = token_text.split("_")

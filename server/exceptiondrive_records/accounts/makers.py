@@ -42,7 +42,7 @@ def live_tokens_by_maker(
 
 
 def left_behind(session: Session, actor: str, team_id: int | None = None) -> list[Token]:
-    """Return the live tokens that remain when their issuing token ends, newest first."""
+    """Return the live tokens that stay valid after their issuer loses its rights, newest first."""
     return live_tokens_by_maker(session, [actor], team_id)[actor]
 
 

@@ -22,7 +22,7 @@ from exceptiondrive_records.teams.tables import Team
 
 MAX_NAME = 80
 MAX_EMAIL = 254
-"""A longer one is not kept: a part of an address is somebody else's."""
+"""A longer address is not stored: truncated, it would be somebody else's."""
 MAX_SUBJECT = 255
 """The longest that OpenID Connect allows."""
 
@@ -81,7 +81,7 @@ def list_people(session: Session) -> list[Person]:
 
 
 def find_person(session: Session, person_id: str, *, lock: bool = False) -> Person:
-    """Return a person; locked, nobody gives them a role or a team meanwhile.
+    """Return a person; with `lock`, nobody gives them a role or a team until the transaction ends.
 
     Raises:
         NotFound: There is none with this id, or they were forgotten.
@@ -102,9 +102,9 @@ def set_organizer(
 ) -> Person:
     """Make a person an organizer, or revoke that; it takes effect with their next request.
 
-    Without a role it is no longer one; without phases the role is for the whole site. With the role
-    that they had end the invitations that they made, but those into their own teams; tokens that they
-    made work on (`left_behind`).
+    `role` None revokes; without phases the role is for the whole site. Invitations that the person
+    made under the former role end, except those into their own teams; tokens that they issued stay
+    valid (`left_behind`).
 
     Raises:
         NotFound: There is no such person or phase.
@@ -140,9 +140,9 @@ INVITATION_LIFETIME = timedelta(days=7)
 MAX_MEMBERS = 50
 MAX_OPEN_INVITATIONS = 20
 MAX_INVITATIONS_A_DAY = 100
-"""Each leaves a row and audit lines for ever, however soon it is withdrawn."""
+"""Each leaves a row and audit lines forever, however soon it is withdrawn."""
 REGISTRATION_REFUSED = "registration refused"
-"""Of a team to which a person belonged, who is the subject."""
+"""Audit action: the registration of a team was refused; the subject is a person of that team."""
 _NO_INVITATION = secret_digest("no such invitation")
 _HELD_TEAM = (
     select(Team)
@@ -153,10 +153,10 @@ _HELD_TEAM = (
 
 
 def hold_team(session: Session, team_id: int) -> Team:
-    """Return a team as it is now, and let nobody merge, forget or refuse it until this transaction ends.
+    """Lock a team against being merged, forgotten or refused until the transaction ends; return it.
 
-    Of those that ask so, one at a time goes on: a quota is counted exactly. Rows that refer to the team
-    may be written meanwhile: a notice waits for nobody here.
+    Callers are serialized, which makes quotas exact. Other transactions may still write rows that
+    refer to the team (`FOR NO KEY UPDATE`), such as notices.
 
     Raises:
         Conflict: It was refused.
@@ -215,7 +215,7 @@ def add_member(session: Session, team: Team, person_id: str, *, actor: str) -> N
 def remove_member(session: Session, team_id: int, person_id: str, *, actor: str) -> None:
     """Remove a person from a team; it takes effect with their next request.
 
-    What invitations they made end with it: none leads back in.
+    Invitations that they made end too, so that none leads back in.
 
     Raises:
         NotFound: No such person belongs to the team.
@@ -233,10 +233,10 @@ def remove_member(session: Session, team_id: int, person_id: str, *, actor: str)
 
 
 def removal_of(session: Session, person_id: str) -> tuple[AuditLine, str] | None:
-    """Return the audit line of how a person last lost a team, and its name; None if they joined one since.
+    """Return how a person last left a team (audit line, team name); None if they joined one since.
 
-    They left it, were taken out of it, or its registration was refused. Only lines about teams and the
-    person are looked at, by their index: those of submissions are many.
+    They left, were removed, or the team's registration was refused. Only lines about teams and the
+    person are read, through the index on subjects: lines about submissions are many.
     """
     lines = select(AuditLine, Team.name).join(Team, Team.slug == AuditLine.subject)
     found = session.execute(lines.where(AuditLine.action == "member removed"))
@@ -264,7 +264,7 @@ def open_invitations(session: Session, team_id: int) -> list[Invitation]:
 def invite(
     session: Session, team_id: int, invited_by: str, *, actor: str
 ) -> tuple[str, Invitation]:
-    """Make an invitation; what its link ends with is returned here and never again.
+    """Make an invitation; the secret at the end of its link is returned only here.
 
     Raises:
         Conflict: The team has enough open invitations, or made enough of them today; or it was
@@ -297,7 +297,7 @@ def invite(
 def find_invitation(session: Session, text: str, person_id: str | None) -> tuple[Invitation, Team]:
     """Return the invitation of a link, if it may still be used, and its team.
 
-    Who joined by it finds it again as long as they belong to the team.
+    A person who joined by it still finds it while they belong to the team.
 
     Raises:
         NotFound: Unknown, used, withdrawn or too old: the sentence is the same.
@@ -318,7 +318,7 @@ def find_invitation(session: Session, text: str, person_id: str | None) -> tuple
 def accept_invitation(session: Session, text: str, person_id: str, *, actor: str) -> Team:
     """Let a person join the team of a link; a link works once.
 
-    Who belongs to the team already leaves it for somebody else.
+    A present member of the team does not use it up.
 
     Raises:
         NotFound: As `find_invitation` raises it.
@@ -346,7 +346,7 @@ def _no_invitation(invitation_id: str) -> NotFound:
 
 
 def withdraw_invitation(session: Session, team_id: int, invitation_id: str, *, actor: str) -> None:
-    """Make a link useless.
+    """Withdraw an open invitation of a team, so that its link no longer works.
 
     Raises:
         NotFound: The team has no such open invitation.
@@ -365,7 +365,7 @@ def withdraw_invitation(session: Session, team_id: int, invitation_id: str, *, a
 def withdraw_invitations_of(
     session: Session, made_by: str, *of: ColumnElement[bool], actor: str
 ) -> None:
-    """Revoke the invitations of somebody who may no longer invite: all, or certain ones."""
+    """Withdraw invitations of a maker who may no longer invite: all, or those that `of` selects."""
     query = select(Invitation).where(
         Invitation.made_by == made_by, *of, *_usable_conditions(session)
     )

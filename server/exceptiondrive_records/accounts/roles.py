@@ -27,10 +27,10 @@ class OrganizerRole(StrEnum):
 
 
 def checked_phases(session: Session, phases: Iterable[str]) -> list[str]:
-    """Return the ids of the phases that a role is confined to; none: it is for the whole site.
+    """Return the ids of the phases that a role is confined to; empty if it is for the whole site.
 
     Raises:
-        NotFound: One of them is no phase.
+        NotFound: One of them does not exist.
         InvalidRecord: There are too many.
     """
     wanted = sorted(set(phases))

@@ -29,7 +29,7 @@ from exceptiondrive_records.teams.tables import Team
 LIFETIME = timedelta(hours=12)
 MAX_SECRET_LENGTH = 100
 MAX_SIGN_INS_A_DAY = 200
-"""With all tokens of a team, or of one person: each leaves an audit line for ever."""
+"""By all tokens of a team together, or by one person: each leaves an audit line forever."""
 
 
 def open_token_session(session: Session, principal: Principal) -> str:
@@ -48,7 +48,7 @@ def open_token_session(session: Session, principal: Principal) -> str:
 def open_person_session(session: Session, person: Person) -> str:
     """Open a session of a person; its secret is returned only here.
 
-    An organizer begins as one; anybody else acts for the first of their teams.
+    An organizer starts as an organizer; anybody else starts acting for the first of their teams.
 
     Raises:
         Conflict: The person signed in often enough today.
@@ -62,7 +62,7 @@ def open_person_session(session: Session, person: Person) -> str:
 def find_session(session: Session, secret: str) -> Principal | None:
     """Return who signed in, with their present rights; None if the session has ended.
 
-    The secret has 256 bits and is looked up by its digest, so that no timing tells of it.
+    The secret has 256 bits and is looked up by its digest, so that timing reveals nothing about it.
     """
     if not secret or len(secret) > MAX_SECRET_LENGTH:
         return None
@@ -83,8 +83,8 @@ def require_unrevoked(session: Session, principal: Principal) -> None:
     """Refuse a request whose sender lost the rights that they had when it began.
 
     Raises:
-        NotAllowed: The token is revoked or has ended, the person was taken out of the team, or has
-            another role among the organizers.
+        NotAllowed: The token was revoked or has expired, or the person was removed from the team or
+            has another organizer role now.
     """
     if principal.person_id is None:
         token = session.get(Token, principal.token_id, populate_existing=True)
@@ -158,7 +158,7 @@ def _open(
 
 
 def _principal(person: Person, team: Team | None) -> Principal:
-    """A member acts for the team alone: an organizer's rights are never mixed with a team's."""
+    """Return the principal of a person: a team's rights or an organizer's, never both at once."""
     phases: list[str] = []
     if team is not None:
         scopes = frozenset(str(scope) for scope in TEAM_SCOPES)

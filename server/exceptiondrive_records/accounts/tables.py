@@ -17,7 +17,7 @@ class Token(Base):
     name: Mapped[str]
     scopes: Mapped[list[str]]
     phases: Mapped[list[str]]
-    """Of an organizer's token: the phases that it is confined to; none: it is for the whole site."""
+    """The phases that an organizer's token is confined to; empty if it is for the whole site."""
     secret_digest: Mapped[str]
     prefix: Mapped[str]
     created_at: Mapped[datetime]
@@ -36,13 +36,13 @@ class BrowserSession(Base):
     """The session may do what this token may, and ends with it."""
     person_id: Mapped[str | None] = mapped_column(ForeignKey("people.id"), index=True)
     team_id: Mapped[int | None] = mapped_column(ForeignKey("teams.id"))
-    """For whom the person acts now; it counts only while the membership lasts."""
+    """The team that the person acts for now; valid only while the membership lasts."""
     created_at: Mapped[datetime]
     expires_at: Mapped[datetime] = mapped_column(index=True)
 
 
 class SignInAttempts(Base):
-    """How often a sign-in was tried under one key (an address, a token id) since a moment."""
+    """The number of sign-in attempts under one key (an address, a token id) since `since`."""
 
     __tablename__ = "sign_in_attempts"
     key: Mapped[str] = mapped_column(primary_key=True)
@@ -51,7 +51,7 @@ class SignInAttempts(Base):
 
 
 FORGOTTEN = "forgotten"
-"""The issuer of who was forgotten, which is none: issuers are addresses."""
+"""The issuer recorded for forgotten people; no real issuer has it, as issuers are addresses."""
 
 
 class Person(Base):
@@ -62,14 +62,14 @@ class Person(Base):
     id: Mapped[str] = mapped_column(primary_key=True)
     issuer: Mapped[str]
     subject: Mapped[str]
-    """Who it is, in the words of the issuer: never shown, and the only thing that counts."""
+    """The issuer's id of the person: never shown; it alone, with `issuer`, identifies them."""
     name: Mapped[str]
     email: Mapped[str | None]
-    """As the provider gave it: shown to people who know the person, and never compared."""
+    """As the provider gave it; shown only to people who know the person, and never compared."""
     organizer_role: Mapped[str | None]
-    """An `OrganizerRole`; None: no organizer."""
+    """An `OrganizerRole`; None if the person is no organizer."""
     organizer_phases: Mapped[list[str]]
-    """The phases that the role is confined to; none: it is for the whole site."""
+    """The phases that the role is confined to; empty if it is for the whole site."""
     created_at: Mapped[datetime]
     signed_in_at: Mapped[datetime]
 
@@ -96,9 +96,9 @@ class Invitation(Base):
     team_id: Mapped[int] = mapped_column(ForeignKey("teams.id"), index=True)
     secret_digest: Mapped[str]
     invited_by: Mapped[str]
-    """Who made it, as team pages name them."""
+    """The name of its maker on team pages."""
     made_by: Mapped[str]
-    """Who made it, as the audit log names them: it ends when they lose the right to make one."""
+    """Its maker as an audit actor; the invitation ends when they lose the right to invite."""
     created_at: Mapped[datetime]
     expires_at: Mapped[datetime]
     withdrawn_at: Mapped[datetime | None]

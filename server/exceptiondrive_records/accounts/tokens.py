@@ -62,10 +62,10 @@ MEANING_OF_SCOPE: Mapping[Scope, str] = {
     Scope.ORGANIZE_HELP: "help the organizers with teams and submissions",
     Scope.ORGANIZE_READ: "see what organizers see",
 }
-"""In words, as pages list the scopes of a token."""
+"""Descriptions of the scopes, as pages list them."""
 PARTICIPANT_SCOPES = (Scope.SUBMIT, Scope.READ_OWN)
 TEAM_SCOPES = (*PARTICIPANT_SCOPES, Scope.TOKENS)
-"""What organizers hand to a team, so that it can look after its own tokens."""
+"""The scopes that organizers hand to a team, so that it can manage its own tokens."""
 ORGANIZER_SCOPES = (Scope.SUBMIT, Scope.READ_OWN, Scope.ORGANIZE)
 SCOPES_OF_ROLE: Mapping[OrganizerRole, tuple[Scope, ...]] = {
     OrganizerRole.OWNER: ORGANIZER_SCOPES,
@@ -86,17 +86,17 @@ class Principal:
     team_slug: str | None
     team_name: str | None
     team_is_pending: bool
-    """Whether nobody has approved the team yet."""
+    """Whether the team still waits for approval."""
     use_is_stale: bool = field(default=False, compare=False)
     person_id: str | None = None
-    """Somebody who signed in through the provider, with no token at all."""
+    """The person who signed in through the provider, without a token."""
     person_name: str = ""
     phases: frozenset[str] = frozenset()
-    """The phases that an organizer is confined to; none: the role is for the whole site."""
+    """The phases that an organizer is confined to; empty if the role is for the whole site."""
 
     @property
     def role(self) -> OrganizerRole | None:
-        """As what it organizes, if at all."""
+        """The organizer role of the principal; None if it has none."""
         held = (role for role, scopes in SCOPES_OF_ROLE.items() if scopes[-1] in self.scopes)
         return next(held, None)
 
@@ -111,7 +111,7 @@ class Principal:
 
     @property
     def actor(self) -> str:
-        """How audit lines name it."""
+        """The name of the principal in audit lines."""
         return (
             f"{_ACTOR}{self.token_id}" if self.person_id is None else f"{_PERSON}{self.person_id}"
         )
@@ -130,8 +130,8 @@ def issue_token(
     """Issue a token; its text is returned only here.
 
     Raises:
-        InvalidRecord: No scope, or an unknown one; the name cannot be used; it would be expired.
-        NotFound: It is confined to a phase that is not there.
+        InvalidRecord: No scope, or an unknown one; the name cannot be used; the end is in the past.
+        NotFound: It is confined to a phase that does not exist.
         Conflict: The team was refused or forgotten, or became part of another one.
     """
     if team_id is not None:
@@ -173,7 +173,7 @@ def issue_token(
 
 
 def verify_token(session: Session, text: str) -> Principal | None:
-    """Return the principal of a token, or None; unknown ids cost the same work as wrong secrets."""
+    """Return the principal of a token, or None; unknown ids take as long as wrong secrets."""
     parts = text.split("_")
     token_id = parts[2] if len(parts) == 5 and len(text) < 100 else ""
     row = session.execute(_TOKEN_AND_TEAM, {"token": token_id}).first()
@@ -187,7 +187,7 @@ def verify_token(session: Session, text: str) -> Principal | None:
 
 
 def principal_of(session: Session, token: Token) -> Principal | None:
-    """Return who a token speaks for that is known to be right; None when it has ended."""
+    """Return the principal of a token whose secret was verified; None if it has ended."""
     now = database_now(session)
     team = None if token.team_id is None else session.get(Team, token.team_id)
     return _principal(token, team, now) if is_live(token, now) else None
@@ -219,7 +219,7 @@ def note_use(database: Database, principal: Principal) -> None:
 
 
 def revoke_token(session: Session, token_id: str, *, actor: str) -> Token:
-    """Revoke a token for good, and the invitations that it made.
+    """Revoke a token permanently, and withdraw the invitations that it made.
 
     Raises:
         NotFound: There is none with this id.
@@ -252,7 +252,7 @@ def list_tokens(session: Session, team_id: int | None = None) -> list[Token]:
 
 
 def live_tokens_by_team(session: Session) -> dict[int, int]:
-    """Return how many live tokens each team has."""
+    """Return the number of live tokens of each team."""
     now = database_now(session)
     tokens = (token for token in list_tokens(session) if is_live(token, now))
     return Counter(token.team_id for token in tokens if token.team_id is not None)
@@ -296,12 +296,12 @@ def is_live(token: Token, now: datetime) -> bool:
     return token.revoked_at is None and (token.expires_at is None or token.expires_at > now)
 
 
-# What a team does with its own tokens. No token gives a right that the asker does not hold.
+# How a team manages its own tokens. No token gives a right that its issuer does not hold.
 
 
 MAX_LIVE_TOKENS = 50
 MAX_NEW_TOKENS_A_DAY = 100
-"""Each leaves a row and an audit line for ever, however soon it is revoked."""
+"""Each leaves a row and an audit line forever, however soon it is revoked."""
 DEFAULT_KEEP_DAYS = 7
 MAX_KEEP_DAYS = 90
 
@@ -316,8 +316,8 @@ def issue_team_token(
     """Issue a token for the sender's team; by default it expires with the sender's own.
 
     Raises:
-        NotAllowed: A scope is wanted that the asker does not hold, or a later end than its own.
-        Conflict: The team has enough live tokens, or made enough of them today; or as `issue_token`.
+        NotAllowed: The new token would have a scope that the sender does not hold, or a later end.
+        Conflict: The team reached its limit of live or of daily new tokens; or as `issue_token`.
         InvalidRecord: As `issue_token` raises it.
     """
     more = sorted(set(scopes) - principal.scopes)
@@ -348,7 +348,7 @@ def rotate_team_token(
 
     Raises:
         NotFound: The team has no such token.
-        NotAllowed: The token holds a scope that the asker does not hold.
+        NotAllowed: The token holds a scope that the sender does not hold.
         Conflict: The token is revoked or has expired.
         InvalidRecord: The number of days cannot be used.
     """
@@ -371,7 +371,7 @@ def rotate_team_token(
 
 
 def revoke_team_token(session: Session, principal: Principal, token_id: str) -> Token:
-    """Revoke a token of the sender's team for good, even the sender's own.
+    """Revoke a token of the sender's team permanently, even the sender's own.
 
     Raises:
         NotFound: The team has no such token.
@@ -399,5 +399,5 @@ def find_team_token(session: Session, principal: Principal, token_id: str) -> To
 
 
 def may_invite(principal: Principal) -> bool:
-    """Whether it holds all that who joins a team gets: every scope of a team, without an end."""
+    """Whether it has all rights that a new member gets: every scope of a team, without expiry."""
     return set(TEAM_SCOPES) <= principal.scopes and principal.expires_at is None

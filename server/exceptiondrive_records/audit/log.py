@@ -25,9 +25,9 @@ if TYPE_CHECKING:
 GENESIS = "0" * 64
 _PENDING = "exceptiondrive_pending_audit"
 PROBING_SUSPECTED = "probing suspected"
-"""Workers saw submissions that change a few samples at a time; the subject is the phase."""
+"""Action: workers found submissions that change few samples at a time; the subject is the phase."""
 SPLIT_FLOOR_HELD = "split floor held"
-"""A worker refused what was asked of a withheld split; the subject is the split."""
+"""Action: a floor made a worker refuse work on a withheld split; the subject is the split."""
 _CHAIN_LOCK = 0x45446175  # any constant: the advisory lock of the chain on PostgreSQL
 
 
@@ -36,7 +36,7 @@ _NEW_LINES = insert(AuditLine)
 _HEAD = select(AuditLine.id, AuditLine.hash).order_by(AuditLine.id.desc()).limit(1)
 _DIGITS = """to_char(at AT TIME ZONE 'UTC', 'YYYY-MM-DD"T"HH24:MI:SS.US')"""
 ISO_AT = f"replace({_DIGITS}, '.000000', '') || '+00:00'"
-"""A column `at` as `datetime.isoformat` writes it, in the SQL of PostgreSQL."""
+"""SQL for PostgreSQL that writes a column `at` as `datetime.isoformat` does."""
 _CHAIN_IN_SQL = f"""
 WITH line AS (
     SELECT statement_timestamp() AS at, coalesce(head.id, 0) + 1 AS id, coalesce(head.hash, '{GENESIS}') AS previous
@@ -51,7 +51,7 @@ SELECT id, at, %(actor)s, %(action)s, %(subject)s, %(detail)s::json, previous,
     )), 'hex')
 FROM told
 """
-"""As `line_hash`: keys of canonical JSON stand in the order of the alphabet."""
+"""Computes the same hash as `line_hash`: canonical JSON sorts its keys alphabetically."""
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ def audit(
 def audit_once(
     session: Session, actor: str, action: str, subject: str, detail: Mapping[str, Any]
 ) -> None:
-    """Record an action unless a line of it exists: a repeated one leaves one line."""
+    """Record an action unless the log has the same line already."""
     query = select(AuditLine.detail).where(AuditLine.action == action, AuditLine.subject == subject)
     pending: list[_Pending] = session.info.get(_PENDING, [])
     said = [line.detail for line in pending if (line.action, line.subject) == (action, subject)]
@@ -104,7 +104,7 @@ def take_audit_lines(session: Session) -> list[_Pending]:
 
 
 def chain_in_sql(driver: "psycopg.Connection[Any]", lines: Sequence[_Pending]) -> None:
-    """Chain lines on PostgreSQL under a lock of the chain, without waiting for a result."""
+    """Chain lines on PostgreSQL under the lock of the chain, without waiting for results."""
     told = [_in_sql(line) for line in lines]
     if told:
         driver.execute(f"SELECT pg_advisory_xact_lock({_CHAIN_LOCK})")
@@ -129,7 +129,7 @@ def _in_sql(line: _Pending) -> dict[str, str]:
 
 
 def chain_audit_lines(session: Session, lines: Sequence[_Pending]) -> None:
-    """Chain lines on SQLite, which has one writer."""
+    """Chain lines on SQLite, which needs no lock: it has one writer at a time."""
     if not lines:
         return
     last, head = session.execute(_HEAD).first() or (0, GENESIS)
@@ -159,7 +159,7 @@ class AuditVerdict:
     head: str
     broken_at: int | None = None
     holds_kept_head: bool | None = None
-    """Whether a line has the head that was kept elsewhere; None: none was given."""
+    """Whether a line has the given hash of an earlier head; None if none was given."""
 
     @property
     def is_whole(self) -> bool:
@@ -170,8 +170,8 @@ class AuditVerdict:
 def verify_audit(session: Session, kept_head: str | None = None) -> AuditVerdict:
     """Recompute the whole chain.
 
-    A `kept_head` is the hash from an earlier verification: a log that was truncated, or rewritten from
-    some line on, is a valid chain, too, but none of its lines has this hash.
+    `kept_head` is the head hash of an earlier verification. A log that was truncated or rewritten
+    from some line on is a valid chain as well, but no line of it has this hash.
     """
     head = GENESIS
     number = 0

@@ -1,4 +1,4 @@
-"""The best run of a method, by what its team could see before the deadline."""
+"""Find the best run of a method, by the scores that its team could see before the deadline."""
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session
@@ -17,14 +17,14 @@ from exceptiondrive_schemas.score_sheet import ScoreSheet
 def best_run(
     session: Session, phase: Phase, submission_ids: list[str], key: ScoringKey
 ) -> str | None:
-    """Return the submission that ranks best by its published sheet; of equal ones the newest.
+    """Return the submission that ranks best by its published sheet; among equals the newest.
 
-    Runs without a rank come after all that have one. Scores are those of the samples that count until
-    the reveal: on a private part, picking the best of many runs after the fact would reveal more of it
-    than one entry does. Runs are given oldest first.
+    Runs without a rank come last. Only samples that count before the reveal decide: on a private
+    part, picking the best of many runs after the fact would reveal more of it than one entry does.
+    `submission_ids` are ordered oldest first.
 
     Returns:
-        None where no run has such a sheet.
+        None if no run has such a sheet.
     """
     protocol = find_protocol(session, key.protocol_digest)
     live = _live_revision(session, phase, key.split_revision)
@@ -48,7 +48,7 @@ def _live_revision(session: Session, phase: Phase, revision: str) -> str:
 
 
 def _worth(sheet: ScoreSheet, protocol: ProtocolDocument) -> tuple[bool, list[tuple[bool, float]]]:
-    """The sort key: whether it is ranked, then the metrics that rank, undefined ones last."""
+    """Return the sort key: whether it is ranked, then its ranking metrics, undefined ones last."""
     values = sheet.average(protocol.grading.headline)
     flags = {flag.code for flag in sheet.plausibility.flags}
     shares = (sheet.coverage.edited, sheet.coverage.source)

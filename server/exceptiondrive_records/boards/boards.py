@@ -34,10 +34,10 @@ from exceptiondrive_schemas.method_facts import Links
 
 _Named = TypeVar("_Named", BoardEntry, BoardLeader, EntryNews, EntryChange)
 BOARD_LINES = ("board published", "board built")
-"""What the audit log says of a new board: readers see it, or it is kept back."""
+"""Audit actions for a new board: it is shown to readers, or it is held back."""
 _A_DRAFT = "it is a draft"
 MAX_NEWS = 20
-"""Of a board that changes more, as by a new part of the split, the others are counted."""
+"""If a board changes more entries, as with a new part of the split, the rest are only counted."""
 
 
 def publish_board(
@@ -45,16 +45,16 @@ def publish_board(
 ) -> BoardRow | None:
     """Append a board and, under the phase's own protocol and split, make it the current one.
 
-    Number and date are given here; what may not be shown yet is left out here, so that it is in
-    nothing that is served. A board that says what the latest one of this protocol says is not
-    appended again; a draft is, as numbers of public boards would tell whether it changed. While the
-    phase is frozen its pointers stay, and where an entry was taken back meanwhile: the next board lacks it.
+    Number and date are assigned here, and what may not be shown yet is removed, so that no response
+    has it. A board equal to the latest one of this protocol is not appended again; a draft is, as
+    the numbers of public boards would otherwise reveal whether it changed. The pointers stay while
+    the phase is frozen, or if an entry was taken back meanwhile: the next board leaves it out.
 
     Returns:
-        The row that holds the board; None when the lease was lost and nothing was recorded.
+        The row that holds the board; None if the lease was lost and nothing was recorded.
 
     Raises:
-        LeaseLost: At the end of the transaction: it was lost meanwhile, and nothing is recorded.
+        LeaseLost: At the end of the transaction: the lease was lost meanwhile; nothing is recorded.
     """
     phase = lock_phase(session, request.phase_id)
     if not finish_board(session, request):
@@ -75,7 +75,7 @@ def publish_board(
 
 
 def _kept_back(phase: Phase, request: BoardRequest, now: datetime) -> str:
-    """Return why a new board is not shown at once; empty if it is."""
+    """Return why a new board is not shown at once; empty if it is shown."""
     shown = (phase.protocol_digest, phase.split_revision)
     if shown != (request.protocol_digest, request.split_revision):
         return _A_DRAFT
@@ -101,7 +101,7 @@ def flip_board(
     Readers see it from `at`, by default now.
 
     Returns:
-        The flip; None when the phase showed this board already.
+        The flip; None if the phase showed this board already.
     """
     if phase.current_board_id == row.id:
         return None
@@ -116,7 +116,7 @@ def flip_board(
 
 
 class _Stood(NamedTuple):
-    """What news report of an entry; `value` is that of the challenge's first metric."""
+    """What the news report about an entry; `value` is that of the challenge's first metric."""
 
     method: str
     team: str
@@ -125,7 +125,7 @@ class _Stood(NamedTuple):
 
 
 _Standings = Mapping[str, _Stood]
-"""By submission, in the order of the board."""
+"""Entries by submission, in the order of the board."""
 
 
 def _news_of(was: _Standings, now: _Standings) -> BoardNews:
@@ -156,7 +156,7 @@ def _news_of(was: _Standings, now: _Standings) -> BoardNews:
 
 
 def _runs_before(was: _Standings, now: _Standings) -> dict[str, str]:
-    """Return the entry that each new one replaced: a run of the same team and method that left."""
+    """Return the entry that each new one replaced: one of the same team and method that left."""
     left = {(stood.team, stood.method): name for name, stood in was.items() if name not in now}
     return {
         name: left[stood.team, stood.method]
@@ -170,7 +170,7 @@ def news_between(
 ) -> BoardNews:
     """List new scores; boards of different protocols or split revisions cannot be compared.
 
-    Reads little of the boards, as locks are held meanwhile.
+    It reads little of the boards, because the caller holds locks.
     """
     if (old.protocol_digest, old.split_revision) != (row.protocol_digest, row.split_revision):
         return BoardNews()
@@ -204,12 +204,12 @@ def board_at(session: Session, phase_id: str, as_of: datetime) -> BoardRow | Non
 
 
 def latest_public_board(session: Session, phase_id: str, protocol_digest: str) -> BoardRow | None:
-    """Return the board of a phase under a protocol that was shown last, also after a rollback."""
+    """Return the most recently shown board of a phase under a protocol, also after a rollback."""
     return _last_shown(session, phase_id, BoardRow.protocol_digest == protocol_digest)
 
 
 def last_shown_of_part(session: Session, phase: Phase, part: SplitPart | None) -> BoardRow | None:
-    """Return the board shown last among those that count a part of the split (None: the whole split)."""
+    """Return the last shown board that counts a part of the split (None: the whole split)."""
     is_part = SplitRow.name == phase.split_name, SplitRow.part.is_not_distinct_from(part)
     revisions = select(SplitRow.revision).where(*is_part)
     return _last_shown(session, phase.id, BoardRow.split_revision.in_(revisions))
@@ -235,7 +235,7 @@ def late_board(session: Session, phase_id: str) -> BoardRow | None:
 def latest_board(
     session: Session, phase_id: str, key: ScoringKey, view: BoardView = "main"
 ) -> BoardRow | None:
-    """Return the newest board of a phase under a key, drafts too."""
+    """Return the newest board of a phase under a key, including drafts."""
     query = select(BoardRow).where(
         BoardRow.phase_id == phase_id, is_of_key(BoardRow, key), BoardRow.view == view
     )
@@ -249,7 +249,7 @@ def last_flip_at(session: Session, phase_id: str) -> datetime | None:
 
 def public_protocols(session: Session, phase_id: str) -> list[str]:
     """Return the digests of the protocols under which a board of the phase was ever shown."""
-    query = (  # from the flips, which an index finds: asking each board for its flip is quadratic
+    query = (  # start from the flips, which have an index: looking up a flip per board is quadratic
         select(BoardRow.protocol_digest)
         .join(BoardFlip, BoardFlip.board_id == BoardRow.id)
         .where(BoardFlip.phase_id == phase_id)
@@ -258,13 +258,13 @@ def public_protocols(session: Session, phase_id: str) -> list[str]:
 
 
 _PARSED: Memory[str, Board] = Memory(16 * 2**20)
-"""By bytes of the documents; a board in memory takes three times as many."""
+"""Bounded by the bytes of the documents; a parsed board takes three times as much memory."""
 _READING = threading.Lock()
-"""Boards are read one at a time: all who ask for a new one at once would each read their own."""
+"""Boards are parsed one at a time: concurrent requests for a new board would each parse it."""
 
 
 def parsed_board(row: BoardRow) -> Board:
-    """Return the document of a board; boards never change, so it is read once while there is room."""
+    """Return the parsed document of a board, cached: boards never change."""
     kept = _PARSED.get(row.told)
     if kept is not None:
         return kept
@@ -283,13 +283,13 @@ def _read(row: BoardRow) -> Board:
 
 
 def _aliases_on(row: BoardRow) -> dict[str, str]:
-    """The aliases of forgotten teams' submissions on a board."""
+    """Return the aliases on a board of forgotten teams, by submission."""
     lines = row.forgotten.split("\n") if row.forgotten else []
     return dict(line.split(" ", 1) for line in lines)
 
 
 def _under_aliases(board: Board, aliases: Mapping[str, str]) -> Board:
-    """Replace the names of forgotten teams by their aliases; pseudonyms stay, as they reveal nothing."""
+    """Show forgotten teams under aliases, without texts; pseudonyms stay: they reveal nothing."""
     wordless = {"description": "", "links": Links()}
     named = (under_alias(entry, aliases) for entry in board.entries)
     entries = (
@@ -302,8 +302,8 @@ def _under_aliases(board: Board, aliases: Mapping[str, str]) -> Board:
 def served_body(row: BoardRow) -> str:
     """Return the document of a board as readers get it.
 
-    These are the bytes that were recorded, but for a draft: it is published when it is first shown,
-    and its `published_at` says so from then on; and for one that names a forgotten team.
+    These are the recorded bytes with two exceptions: `published_at` of a former draft is the time
+    when it was first shown, and a forgotten team has its alias instead of its name and texts.
     """
     if is_told_as_recorded(row):
         return row.body
@@ -318,7 +318,7 @@ def is_told_as_recorded(row: BoardRow) -> bool:
 def boards_with(
     session: Session, submission_id: str, board_ids: Iterable[int | None]
 ) -> list[BoardRow]:
-    """Return those of the named boards that list a submission, in the given order."""
+    """Return those of the given boards that list a submission, in the given order."""
     wanted = [board_id for board_id in board_ids if board_id is not None]
     query = (
         select(BoardRow)
@@ -335,7 +335,7 @@ def entry_ids(session: Session, board_id: int) -> set[str]:
 
 
 def entries_on(session: Session, board_id: int | None) -> Mapping[str, BoardEntry]:
-    """Return the entries of a board by submission; of a board that is read, without its document."""
+    """Return the entries of a board by submission; a cached board's document is not loaded."""
     key = session.execute(
         select(BoardRow.body_digest, BoardRow.told_at, BoardRow.forgotten).where(
             BoardRow.id == board_id
@@ -350,9 +350,9 @@ def entries_on(session: Session, board_id: int | None) -> Mapping[str, BoardEntr
 
 
 def newest_board_with(session: Session, submission_id: str) -> BoardRow | None:
-    """Return the newest board that shows a submission and was ever shown itself.
+    """Return the newest board that lists a submission and was ever shown.
 
-    Drafts are for organizers alone.
+    Only organizers see drafts.
     """
     query = (
         select(BoardRow)
@@ -367,10 +367,10 @@ def newest_board_with(session: Session, submission_id: str) -> BoardRow | None:
 def boards_by_protocol(
     session: Session, submission: Submission, limit: int
 ) -> list[tuple[BoardRow, BoardRow]]:
-    """Return the boards with a submission that readers saw first and last, under each protocol.
+    """Return, for each protocol, the first and the last shown board with a submission.
 
-    Last is what was shown last, not what was built last: a rollback shows an earlier board again.
-    The newest `limit` protocols count.
+    The last one is the one shown last, not built last: a rollback shows an earlier board again.
+    Only the newest `limit` protocols are included.
     """
     query = (
         select(func.min(BoardFlip.id), func.max(BoardFlip.id))
@@ -412,7 +412,7 @@ def _leader_of(board: Board) -> BoardLeader | None:
 
 
 class Lead(NamedTuple):
-    """When a board was first shown, its protocol, its samples, and who leads it."""
+    """When a board was shown, its protocol, its samples, and its leader."""
 
     at: datetime
     number: int
@@ -423,7 +423,7 @@ class Lead(NamedTuple):
 
 
 def is_what_counts() -> ColumnElement[bool]:
-    """Condition on `SplitRow`: the revision, or the part, of its phase's split that a board counts."""
+    """Condition on `SplitRow`: the revision or part of the phase's split that a board counts."""
     return (SplitRow.name == Phase.split_name) & (SplitRow.revision == BoardRow.split_revision)
 
 
@@ -453,7 +453,7 @@ def leads(session: Session, phase_id: str) -> list[Lead]:
 
 
 def aliases_in(session: Session, phase_id: str) -> dict[str, str]:
-    """The aliases of forgotten teams' submissions."""
+    """Return the aliases of forgotten teams in a phase, by submission."""
     query = (
         select(Submission.id, Team.name)
         .join(Team, Team.id == Submission.team_id)
@@ -482,7 +482,7 @@ def find_board(session: Session, phase_id: str, number: int) -> BoardRow:
     """Return a board by its permanent number.
 
     Raises:
-        NotFound: There is none, or it was never shown: drafts are for organizers alone.
+        NotFound: There is none, or it was never shown: only organizers see drafts.
     """
     query = select(BoardRow).where(
         BoardRow.phase_id == phase_id, BoardRow.number == number, was_shown()

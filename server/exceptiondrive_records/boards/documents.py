@@ -1,7 +1,7 @@
 """Parse the document of a board, one entry at a time, to save memory.
 
-Parsing it at once needs four times the memory that the board keeps. Entries share their field names
-and most of their numbers: interning these halves what a board keeps.
+Parsing it at once needs four times the memory of the parsed board. Entries share their field names
+and most of their numbers: interning these halves that memory.
 """
 
 import gc
@@ -16,7 +16,7 @@ from pydantic import BaseModel
 
 from exceptiondrive_schemas.board import Board, BoardEntry
 
-_ENTRIES = '"entries":['  # no text holds it: its quotes are escaped
+_ENTRIES = '"entries":['  # never part of a string value, where quotes are escaped
 _PLAIN = {str, int, bool, NoneType, datetime}
 _DECODER = JSONDecoder()
 
@@ -25,8 +25,8 @@ _DECODER = JSONDecoder()
 def collector_at_rest() -> Iterator[None]:
     """Pause Python's cyclic garbage collector while many objects without cycles are created.
 
-    It scans all of them whenever they have grown by a quarter: a fifth of the time to build a board of
-    10,000 entries, and half the time to check boards of 1,000.
+    It scans all objects whenever they have grown by a quarter, which takes a fifth of the time to
+    build a board of 10,000 entries, and half the time to check boards of 1,000.
     """
     gc.disable()
     try:
@@ -54,7 +54,7 @@ class Sharing:
         for key, value in values.items():
             kind = type(value)
             if kind is float:
-                if value:  # a zero has a sign, which equality does not see
+                if value:  # 0.0 == -0.0, so zeros are not shared
                     values[key] = self._values.setdefault(value, value)
             elif kind is dict:
                 self._share_values(value)
@@ -69,7 +69,7 @@ def read_board(body: str) -> Board:
     """Read and validate a recorded board.
 
     Raises:
-        ValidationError: It is no board.
+        ValidationError: The text is no valid board.
     """
     sharing, entries = Sharing(), []
     try:
@@ -78,13 +78,13 @@ def read_board(body: str) -> Board:
             entries.append(BoardEntry.read(body[begin:end]))
             sharing.share(entries[-1])
     except (ValueError, IndexError):
-        return Board.read(body)  # which says what is wrong
+        return Board.read(body)  # its error says what is wrong
     frame = Board.read(body[:start] + body[end:])
     return frame.model_copy(update={"entries": tuple(entries)})
 
 
 def entries_of(body: str) -> Iterator[BoardEntry]:
-    """Yield the entries of a recorded board without keeping any."""
+    """Yield the entries of a recorded board one by one, keeping none in memory."""
     return (BoardEntry.read(body[begin:end]) for _, begin, end in _spans(body))
 
 
@@ -94,7 +94,7 @@ def entry_documents(body: str) -> Iterator[dict[str, Any]]:
 
 
 def _spans(body: str) -> Iterator[tuple[dict[str, Any], int, int]]:
-    """Yield what each entry says, where it begins and where it ends."""
+    """Yield each entry with the offsets of its start and end."""
     begin = body.index(_ENTRIES) + len(_ENTRIES)
     more = body[begin] != "]"
     while more:

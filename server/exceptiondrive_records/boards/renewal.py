@@ -44,7 +44,7 @@ def _families_are_due(session: Session, phase: Phase) -> bool:
     key = key_of_phase(phase)
     if is_board_wanted(session, phase.id, *key):
         return False
-    query = select(func.max(BoardRow.published_at)).where(  # every second: not the board itself
+    query = select(func.max(BoardRow.published_at)).where(  # runs every second: reads no board
         BoardRow.phase_id == phase.id,
         is_of_key(BoardRow, key),
         BoardRow.view == "main",

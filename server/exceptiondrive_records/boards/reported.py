@@ -19,20 +19,20 @@ from exceptiondrive_schemas.split import SplitRef
 
 MAX_TITLE = 120
 MAX_FILE = 500_000
-"""Characters of an imported file."""
+"""The maximum size of an imported file in characters."""
 
 
 def import_board(
     session: Session, phase_id: str, title: str, cite: str, file: str, *, actor: str
 ) -> ReportedBoard:
-    """Import the rows of an external board for a phase: all of them, or none.
+    """Import the rows of an external board beside a phase: all of them, or none.
 
-    `cite` is an address or a citation, `file` a text that `read_rows` takes.
+    `cite` is an address or a citation, `file` a text in the format of `read_rows`.
 
     Raises:
         NotFound: No such phase.
         InvalidRecord: A text cannot be used, or rows are refused: each is named.
-        Conflict: The very rows stand beside the phase already.
+        Conflict: The same rows are beside the phase already.
     """
     phase = lock_phase(session, phase_id)
     title = checked_text("title", title, max_length=MAX_TITLE)
@@ -63,7 +63,7 @@ def withdraw_reported_board(
     """Withdraw the rows of an external board from a phase; they can be imported again.
 
     Raises:
-        NotFound: There are none of this id beside the phase.
+        NotFound: The phase has no external board with this id.
         InvalidRecord: The reason is empty.
         Conflict: They are withdrawn already.
     """
@@ -83,7 +83,7 @@ def find_reported_board(
     """Return an imported board of a phase.
 
     Raises:
-        NotFound: There is none of this id beside the phase.
+        NotFound: The phase has no external board with this id.
     """
     row = session.get(ReportedBoard, reported_id, with_for_update=lock, populate_existing=lock)
     if row is None or row.phase_id != phase_id:
@@ -94,7 +94,7 @@ def find_reported_board(
 def reported_boards(
     session: Session, phase_id: str, *, with_withdrawn: bool = False
 ) -> list[ReportedBoard]:
-    """Return the imported boards of a phase, the newest first."""
+    """Return the imported boards of a phase, newest first."""
     query = select(ReportedBoard).where(ReportedBoard.phase_id == phase_id)
     if not with_withdrawn:
         query = query.where(ReportedBoard.withdrawn_at.is_(None))
@@ -102,7 +102,7 @@ def reported_boards(
 
 
 def measured_on(session: Session, phase: Phase) -> Measured:
-    """Return the protocol and samples of a phase as shown, to compare reported rows with."""
+    """Return the protocol and samples that a phase shows, for comparison with reported rows."""
     board = current_board(session, phase.id)
     if board is not None:
         return Measured.on(parsed_board(board))

@@ -29,7 +29,7 @@ _PASSED_OVER = frozenset(
         *MethodFacts.model_fields,
     )
 )
-"""Columns of our own export that are no part of a reported row."""
+"""Columns of our own export that are ignored on import."""
 _DIGEST = re.compile(r"sha256:[0-9a-f]{64}")
 _ID = re.compile(r"[a-z0-9_]{1,64}")
 
@@ -37,11 +37,11 @@ _ID = re.compile(r"[a-z0-9_]{1,64}")
 def read_rows(text: str, challenge: Challenge) -> tuple[ImportedRow, ...]:
     """Return the rows of a file: all of them, or none.
 
-    A CSV file has the columns of `NEEDED`, those of `OPTIONAL`, one for each metric that is told, and
-    for families such as `hcc.lane_blockage`. The CSV that this software exports is such a file.
+    A CSV file has the columns of `NEEDED`, any of `OPTIONAL`, one for each reported metric, and for
+    families columns such as `hcc.lane_blockage`. The CSV export of this software is such a file.
 
     Raises:
-        InvalidRecord: It cannot be read, or rows of it are refused: each is named, with what helps.
+        InvalidRecord: It cannot be read, or rows are refused: each is named, with advice.
     """
     rows: list[ImportedRow] = []
     faults: list[tuple[int, str]] = []

@@ -39,7 +39,7 @@ from exceptiondrive_schemas.score_sheet import REMINDER, ScoreSheet
 _NEVER = datetime(1, 1, 1, tzinfo=UTC)
 _SHEETS_AT_ONCE = 200
 _ON_NO_ROW: Mapping[str, Any] = {"tasks": {}, "clearance_curve": None}
-"""What of a sheet no row of a board says, besides most of its further rows: most of it."""
+"""The large parts of a sheet that no board shows; most of its further rows are left out too."""
 
 
 @dataclass(frozen=True)
@@ -56,12 +56,12 @@ class EntryRecord:
     submitted_at: datetime
     file_digest: str
     sheet: ScoreSheet
-    """Without tasks, curve and further rows, but that of reminder records: `whole_sheets` reads them of those that need them."""
+    """Without tasks, curve and further rows but reminder records; `whole_sheets` reads the rest."""
     measurement_key: str
     accepted_under: ProtocolDocument
-    """Whose bounds its file passed."""
+    """The protocol whose bounds its file passed."""
     linked_to: str | None = None
-    """The team's submission of the same agent without reminder, an entry of the board or not."""
+    """The team's submission of the same agent without reminder; it need not be on the board."""
     is_late: bool = False
 
 
@@ -86,13 +86,12 @@ def entries_for_board(
 ) -> list[EntryRecord]:
     """Return the entries of a board, in order of submission.
 
-    That is the latest scored submission of each (team, method) that came in time and is public, or
-    the one that its team said where the phase lets it, or one of each team where the phase says so.
-    The late view holds the latest late ones besides. A method whose latest submission was withdrawn
-    falls back to the one before it, until the deadline: withdrawn later, it leaves no entry, so
-    that nobody picks after seeing the outcome. A disqualified entry leaves its place empty: what it
-    displaced does not come up. All were scored against the split revision that is given, or the one
-    that the phase shows.
+    For each (team, method) that is the latest scored public submission in time, or the one that the
+    team chose if the phase lets it; some phases show one entry of each team. The late view adds the
+    latest late ones. If the latest submission is withdrawn before the deadline, the method falls
+    back to the one before; if later, the method has no entry, so that nobody picks after seeing the
+    outcome. A disqualified entry leaves its place empty: the one that it replaced does not return.
+    All were scored against `split_revision`, by default the one that the phase shows.
 
     Raises:
         NotFound: No such phase.
@@ -126,12 +125,12 @@ def names_of(session: Session, submission_ids: list[str]) -> dict[str, tuple[str
 def replacements(
     session: Session, phase: Phase, submissions: Sequence[Submission], now: datetime
 ) -> dict[str, Submission]:
-    """Return what holds the place of scored submissions of the same team, by their ids.
+    """Return which submission counts instead of each of these scored ones of the same team.
 
-    A later run of the same method, or the one that stands for the team where the phase shows one of
-    each; left out is what stands itself, or is no entry at all. One that was withdrawn after the
-    deadline holds its place still, and leaves it empty. Late ones stand apart, and so do those whose
-    score is kept back: which of two is the better would tell it.
+    That is another run of the method, or the team's one entry if the phase shows one of each; those
+    that count themselves, or are no entries, are left out. One withdrawn after the deadline keeps
+    its place, and leaves it empty. Late ones are separate. Those whose score is kept back are
+    ignored: which of two submissions counts would reveal the better one.
     """
 
     def counts(each: Submission) -> bool:
@@ -208,7 +207,7 @@ def _sheets(session: Session, ids: Sequence[str], key: ScoringKey) -> dict[str, 
 
 
 def stood_at_deadline(phase: Phase) -> ColumnElement[bool]:
-    """Return the condition on submissions with a score that were not withdrawn before the deadline."""
+    """Condition on `Submission`: it has a score, and was not withdrawn before the deadline."""
     is_scored = Submission.status == SubmissionStatus.SCORED
     if phase.closes_at is None:
         return is_scored
@@ -244,7 +243,7 @@ def _entries_due(
 
 
 def _withdrawn_since(session: Session, phase: Phase) -> list[_Scored]:
-    """Public entries withdrawn after the deadline: the entries that they replaced do not return."""
+    """Return public entries withdrawn after the deadline; what they replaced does not return."""
     query = (
         select(Submission, Team)
         .join(Team, Team.id == Submission.team_id)
@@ -267,7 +266,7 @@ def _newest(runs: Sequence[_Scored]) -> _Scored:
 
 
 def _of_methods(scored: Iterable[_Scored], pick: _Picker = _newest) -> list[_Scored]:
-    """One run of each method of each team, picked from its runs in order of submission."""
+    """Return one run of each method of each team, picked from its runs in order of submission."""
     methods: dict[tuple[int, str], list[_Scored]] = {}
     for each in scored:
         methods.setdefault((each.team.id, each.submission.method), []).append(each)
@@ -275,7 +274,7 @@ def _of_methods(scored: Iterable[_Scored], pick: _Picker = _newest) -> list[_Sco
 
 
 def _picker(session: Session, phase: Phase, key: ScoringKey) -> _Picker:
-    """Return the function that picks the run that counts: the newest, or as its team chose last."""
+    """Return a function that picks the run that counts: the newest, or as its team chose last."""
     if phase.policy.run_choice == "newest":
         return _newest
 
@@ -294,7 +293,7 @@ def _picker(session: Session, phase: Phase, key: ScoringKey) -> _Picker:
 
 
 def _of_teams(scored: list[_Scored]) -> list[_Scored]:
-    """One of each team: its last choice, else its latest; reference teams keep all methods."""
+    """Return each team's last choice or else latest entry; reference teams keep all methods."""
     references = _of_methods(each for each in scored if each.team.is_reference)
     one: dict[int, _Scored] = {}
     for each in scored:

@@ -25,32 +25,32 @@ class BoardRow(Base):
     split_revision: Mapped[str]
     number: Mapped[int]
     digest: Mapped[str]
-    """Digest of what the board says (`Board.content_digest`), whatever its number and date."""
+    """Digest of the content without number and date (`Board.content_digest`)."""
     body_digest: Mapped[str]
     """Digest of `body`: the strong ETag."""
     published_at: Mapped[datetime]
-    """When it was built. Readers are told `told_at`."""
+    """When it was built. Readers see `told_at` instead."""
     told_at: ClassVar[Mapped[datetime]]
-    """When readers first saw it, which is later than it was built for a draft."""
+    """When readers first saw it; for a former draft that is later than it was built."""
     view: Mapped[str] = mapped_column(default="main")
     """`main`, or `late`: the board with late entries among the others."""
     leader: Mapped[BoardLeader | None] = mapped_column(DocumentText(BoardLeader), default=None)
-    """Who leads it, for the history: so that no board need be read for that."""
+    """Its leader, copied here so that the history need not read any board."""
     body: Mapped[str] = mapped_column(Text, deferred=True)
-    """Read when it is asked for: 22 MB of a board of 10,000. It stands last, for SQLite goes through
-    all of a text to reach a column behind it."""
+    """Loaded only on access: 22 MB for a board of 10,000 entries. It is the last column, because
+    SQLite reads through a text to reach the columns after it."""
     forgotten: ClassVar[Mapped[str | None]]
-    """Its submissions of forgotten teams, each with the name that is told of its team, one a line;
-    None where there are none."""
+    """Its submissions of forgotten teams, each with the alias of its team, one per line; None if
+    there are none."""
 
     @property
     def told(self) -> str:
-        """What stands for the board as readers get it: two of one name are told alike."""
+        """A key of the board as readers get it: equal keys mean equal content."""
         return told_as(self.body_digest, self.told_at, self.forgotten)
 
 
 def told_as(body_digest: str, told_at: datetime, forgotten: str | None) -> str:
-    """Return what stands for a board as readers get it."""
+    """Return a key of a board as readers get it."""
     return f"{body_digest} {told_at} {forgotten or ''}"
 
 
@@ -67,7 +67,7 @@ class BoardFlip(Base):
     board_id: Mapped[int] = mapped_column(ForeignKey("boards.id", ondelete="CASCADE"))
     at: Mapped[datetime]
     news: Mapped[BoardNews] = mapped_column(DocumentText(BoardNews))
-    """Whose scores are others since, for the history: so that no board need be read for that."""
+    """The changed scores, copied here so that the history need not read any board."""
 
 
 _FIRST_FLIP = (
@@ -104,7 +104,7 @@ _FORGOTTEN = (
     )
     .correlate(BoardRow)
 )
-"""From the few forgotten teams to the board: the other way reads each entry, for every page of a board."""
+"""Joins from the few forgotten teams to the board: the reverse reads every entry for each page."""
 BoardRow.forgotten = column_property(_FORGOTTEN.scalar_subquery())
 
 
@@ -116,8 +116,8 @@ class ReportedBoard(Base):
     phase_id: Mapped[str] = mapped_column(ForeignKey("phases.id", ondelete="CASCADE"), index=True)
     title: Mapped[str]
     cite: Mapped[str]
-    """Where it is found: an address, or a citation."""
+    """Its source: an address or a citation."""
     rows: Mapped[ImportedRows] = mapped_column(DocumentText(ImportedRows))
     imported_at: Mapped[datetime]
     withdrawn_at: Mapped[datetime | None]
-    """Since when readers see it no more."""
+    """When it was withdrawn; readers no longer see it."""

@@ -12,14 +12,14 @@ from sqlalchemy.sql.functions import GenericFunction
 from exceptiondrive_records.db.columns import UtcDateTime
 
 Moment = datetime | ColumnElement[datetime]
-"""A time in a condition: one that is known, or `NOW`."""
+"""A time in a condition: a known value, or `NOW`."""
 _POSTGRESQL_NOW = select(func.clock_timestamp())
 
 
 class seconds_from_now(GenericFunction[datetime]):  # noqa: N801 - it is called in statements
     """SQL expression: the start time of the statement plus some seconds.
 
-    It needs no extra round trip, and a statement with it can be cached.
+    It needs no extra round trip, and statements that use it can be cached.
     """
 
     type = UtcDateTime()
@@ -34,9 +34,9 @@ class seconds_since(GenericFunction[float]):  # noqa: N801
 
 
 NOW = seconds_from_now(literal_column("0"))
-"""The time when a statement begins, in a statement."""
+"""SQL expression: the start time of the statement."""
 SET_BACK = seconds_from_now(literal_column("60"))
-"""What was claimed or said later than this was so before the clock was set back: it holds no longer."""
+"""Claims and marks later than this predate a setting back of the clock, and are no longer valid."""
 
 
 @compiles(seconds_from_now)

@@ -16,13 +16,13 @@ SomeEnum = TypeVar("SomeEnum", bound=StrEnum)
 
 
 class UtcDateTime(TypeDecorator[datetime]):
-    """An aware UTC time in Python on both databases."""
+    """A timezone-aware UTC time in Python, on both databases."""
 
     impl = DateTime(timezone=True)
     cache_ok = True
 
     def process_bind_param(self, value: datetime | None, dialect: Dialect) -> datetime | None:
-        """Refuse naive times; SQLite keeps UTC without a zone."""
+        """Refuse naive times; SQLite stores UTC without a time zone."""
         if value is None:
             return None
         if value.tzinfo is None:
@@ -53,14 +53,14 @@ class DocumentText(TypeDecorator[SomeDocument], Generic[SomeDocument]):
         return None if value is None else canonical_json(value).decode("utf-8")
 
     def process_result_value(self, value: Any, dialect: Dialect) -> SomeDocument | None:
-        """Read and validate; a newer process may have written it."""
+        """Parse and validate; a process of a newer version may have written it."""
         return None if value is None else self.model.read(value)
 
 
 def is_one_of(
     column: InstrumentedAttribute[SomeEnum], values: Iterable[SomeEnum]
 ) -> ColumnElement[bool]:
-    """Condition for a cached statement: a plain `in_` list would be compiled again at each execution."""
+    """Condition for a cached statement: a plain `in_` list is compiled again at each execution."""
     return column.in_([literal(value, column.type) for value in values])
 
 

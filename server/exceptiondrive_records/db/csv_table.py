@@ -9,17 +9,17 @@ from exceptiondrive_schemas.printable import first_of
 
 _SHOWN_FAULTS = 20
 _SEPARATORS = ",;\t"
-"""The last is what stands in the clipboard when cells of a spreadsheet are copied."""
+"""Cells copied from a spreadsheet are separated by tabs."""
 
 
 def named_rows(text: str, *, most: int) -> list[tuple[int, dict[str, str]]]:
-    """Return the rows below the header: the line on which each begins, and its values by column.
+    """Return the rows below the header, each as its first line number and its values by column.
 
     The header decides whether commas, semicolons or tabs separate values; column names are
     case-insensitive.
 
     Raises:
-        InvalidRecord: It is no table, a column is named twice, or there is no row or more than so many.
+        InvalidRecord: It is no table, names a column twice, or has no or more than `most` rows.
     """
     (_, head), *rows = _rows(text) or [(1, [])]
     names = [name.strip().lower() for name in head]
@@ -34,7 +34,7 @@ def named_rows(text: str, *, most: int) -> list[tuple[int, dict[str, str]]]:
 
 
 def _rows(text: str) -> list[tuple[int, list[str]]]:
-    """Non-empty rows. Empty cells at the end of the header are no columns, nor are the cells below them."""
+    """Return non-empty rows, without empty cells to the right of the last column name."""
     text = text.removeprefix("\ufeff")
     head = text.lstrip("\r\n").split("\n", 1)[0]
     separator = max(_SEPARATORS, key=head.count)
@@ -62,7 +62,7 @@ def _rows(text: str) -> list[tuple[int, list[str]]]:
 
 
 def faults_text(faults: Iterable[tuple[int, str]]) -> str:
-    """Join faults of lines into one text, each sentence once: `Line 2, Line 5: ...`."""
+    """Join faults of lines into one text, without repeated sentences: `Line 2, Line 5: ...`."""
     lines: dict[str, list[str]] = {}
     for number, words in faults:
         lines.setdefault(words, []).append(f"Line {number}")

@@ -43,7 +43,7 @@ BUSY_TIMEOUT_MS = 15_000
 _AUTOCOMMIT = "AUTOCOMMIT"
 _BY_ITSELF = {"isolation_level": _AUTOCOMMIT}
 _FOR_ONE_BLOCK: dict[str, Any] = {"expire_on_commit": False, "close_resets_only": False}
-"""What was read stays readable; what is asked after the block is an error, not a connection left open."""
+"""Loaded objects stay readable after the block; later queries fail, and leak no connection."""
 _INSUFFICIENT_PRIVILEGE = "42501"
 _DIVISION_BY_ZERO = "22012"
 _UNDEFINED_TABLE = "42P01"
@@ -56,7 +56,7 @@ _CONFLICTS = {
     "SQLITE_CONSTRAINT_UNIQUE",
 }
 _DAMAGED = {"XX001", "XX002", "SQLITE_CORRUPT", "SQLITE_NOTADB"}
-_NO_TABLE = "no such table"  # SQLite has no code of its own for it
+_NO_TABLE = "no such table"  # SQLite has no error code for it
 _NO_COLUMN = "no such column"
 
 
@@ -77,8 +77,8 @@ class Database:
     def read(self) -> Iterator[Session]:
         """Return a session for reading.
 
-        SQLite reads in one transaction. On PostgreSQL each statement sees what is committed when it begins,
-        as in a transaction of its default isolation, whose two ends would cost a round trip each.
+        SQLite reads in one transaction. PostgreSQL runs in autocommit: each statement sees what is
+        committed when it starts, as under READ COMMITTED, without round trips to begin and end one.
 
         Raises:
             RuntimeError: An object was added, changed or deleted.
@@ -88,7 +88,7 @@ class Database:
 
     @contextmanager
     def write(self) -> Iterator[Session]:
-        """Return a session for ONE write transaction: all of it is committed, or nothing."""
+        """Return a session for ONE write transaction, which is committed entirely or not at all."""
         with self._writes() as session, session.begin():
             yield session
             session.flush()
@@ -96,26 +96,26 @@ class Database:
 
     @contextmanager
     def claim(self) -> Iterator[Session]:
-        """Return a session for ONE statement, as `write` without audit lines.
+        """Return a session for ONE statement: like `write`, without audit lines.
 
-        PostgreSQL commits it at once, so that what it claims is not locked during a round trip.
+        PostgreSQL commits it at once, so that claimed rows are not locked during a round trip.
         """
         with self._claims() as session, session.begin():
             yield session
 
     def takes_writes(self) -> bool:
-        """Whether rows can be added: it is no standby, and no file that its owner or this user only reads.
+        """Whether rows can be added: not on a standby, nor in a file read-only for owner or user.
 
         Raises:
-            SQLAlchemyError: It does not answer.
+            SQLAlchemyError: The database does not answer.
         """
         if self.engine.dialect.name == "postgresql":
             with self.read() as session:
                 return bool(session.scalar(text("SHOW transaction_read_only")) == "off")
         path = Path(self.engine.url.database or "")
         if not (os.access(path, os.W_OK) and os.access(path.parent, os.W_OK)):
-            return False  # asked first: where the folder is closed to this user, the file cannot be looked at
-        return bool(path.stat().st_mode & stat.S_IWUSR)  # root could write it all the same
+            return False  # checked first: in an inaccessible folder, `stat` of the file fails
+        return bool(path.stat().st_mode & stat.S_IWUSR)  # root may write even a read-only file
 
     def dispose(self) -> None:
         """Close all connections."""
@@ -123,10 +123,10 @@ class Database:
 
 
 class _Session(Session):
-    """Caches the statement of `get` for each table: building it takes longer than sending it."""
+    """Caches the statement of `get` for each table: building it takes longer than running it."""
 
     def get(self, entity: Any, ident: Any, **how: Any) -> Any:
-        """As in any session: objects already loaded are not queried again."""
+        """As `Session.get`: objects already loaded are not queried again."""
         keys = ident if isinstance(ident, tuple) else (ident,)
         if any(how.values()) or identity_key(entity, keys) in self.identity_map:
             return super().get(entity, ident, **how)
@@ -143,7 +143,7 @@ def _by_key(kind: type[Base]) -> Select[Any]:
 def _end_transaction(session: Session) -> None:
     """Run deferred statements and chain the audit lines; on PostgreSQL commit in the same round trip.
 
-    A batch on PostgreSQL must abort itself if a condition fails, which it does by a division by zero.
+    On PostgreSQL the batch must abort itself if a condition fails, so a failed one divides by zero.
     """
     last, lines = take_last(session), take_audit_lines(session)
     if not last and not lines:
@@ -175,11 +175,11 @@ def _refuse_to_write(session: Session, *_: Any) -> None:
 
 
 def sentence_of(error: DBAPIError) -> str:
-    """Return what a database said and what an operator does about it, without what was asked.
+    """Describe a database's error and what an operator can do about it, without the statement.
 
     Raises:
-        DBAPIError: The error itself, where it is neither an outage, damage, nor a missing right, table or
-            column.
+        DBAPIError: The error itself, if it is neither an outage, damage, nor a missing right, table
+            or column.
     """
     said = str(error.orig).partition("\n")[0]
     if said.startswith(_NO_TABLE) or _code_of(error) == _UNDEFINED_TABLE:
@@ -199,7 +199,7 @@ def sentence_of(error: DBAPIError) -> str:
 
 
 def reason_of(error: BaseException) -> dict[str, str]:
-    """Return a database's error as the `reason` of a log line, if an operator can act on it."""
+    """Return the `reason` of a log line for a database error, if an operator can act on it."""
     if isinstance(error, DBAPIError):
         with suppress(DBAPIError):
             return {"reason": sentence_of(error)}
@@ -207,7 +207,7 @@ def reason_of(error: BaseException) -> dict[str, str]:
 
 
 def is_conflict(error: Exception) -> bool:
-    """Whether another transaction took the same key, or deleted what is changed or referred to."""
+    """Whether another transaction took the same key, or deleted a changed or referred row."""
     return isinstance(error, StaleDataError) or _code_of(error) in _CONFLICTS
 
 
@@ -223,7 +223,7 @@ def _lacks_column(error: Exception) -> bool:
 
 
 def _code_of(error: Exception) -> str | None:
-    """SQLSTATE of PostgreSQL, or the name that SQLite gives to an error."""
+    """Return the SQLSTATE of PostgreSQL, or SQLite's name of the error."""
     said = getattr(error, "orig", None)
     return getattr(said, "sqlstate", None) or getattr(said, "sqlite_errorname", None)
 
@@ -254,7 +254,7 @@ def _prepare_sqlite(connection: DBAPIConnection, record: Any) -> None:
     cursor.execute("PRAGMA journal_mode=WAL")
     cursor.execute("PRAGMA synchronous=FULL")
     cursor.execute("PRAGMA foreign_keys=ON")
-    cursor.execute("PRAGMA secure_delete=ON")  # who was forgotten stands on no free page either
+    cursor.execute("PRAGMA secure_delete=ON")  # erase forgotten people from free pages as well
     cursor.close()
 
 
@@ -263,16 +263,16 @@ def _begin_sqlite(connection: Connection) -> None:
         return
     if connection.get_execution_options().get(WRITES, False):
         connection.exec_driver_sql("BEGIN IMMEDIATE")
-    else:  # it takes no lock, so no error has to be told apart: the engine is not asked
+    else:  # takes no lock, so cannot fail: bypass the engine's error handling
         driver: Any = connection.connection.driver_connection
         driver.execute("BEGIN")
 
 
-# Insertions that may meet a row that is there already, in the words of either database.
+# Insertions where the row may exist already, in the dialect of either database.
 
 
 Changes = tuple[tuple[str, Any], ...]
-"""Columns and what becomes of them."""
+"""Columns and their new values, as SQL expressions."""
 
 
 def insert_if_absent(
@@ -303,9 +303,9 @@ def upsert(
 ) -> Executable:
     """Return a statement that inserts a row or, if its keys exist, updates the existing one.
 
-    Built once, it is executed with the values of the new row. `made` are SQL expressions for the new
-    row, `changes` those for an existing row, `takes` the columns that an existing row takes over from
-    the new one, `keys` the unique columns.
+    The statement is built once, and executed with the values of the new row. `made` are SQL
+    expressions for the new row, `changes` for an existing row, `takes` the columns that an existing
+    row takes from the new one, `keys` the unique columns.
     """
     return _upsert_statement(_insert(session), table, made, changes, takes, keys)
 
@@ -337,9 +337,9 @@ def find_row(
     *,
     lock: bool | dict[str, bool] = False,
 ) -> Row:
-    """Return the row of a key, as it is now where it is locked; `kind` is what the refusal calls it.
+    """Return the row of a key, reread if it is locked; `kind` names it in the error.
 
-    `lock` says how, where it is not as usual (see `Session.get`).
+    `lock` may hold options for the lock (`with_for_update` of `Session.get`).
 
     Raises:
         NotFound: There is none.
@@ -351,17 +351,17 @@ def find_row(
 
 
 def hold_words(session: Session, words: str) -> None:
-    """Take an advisory lock on these words until the transaction ends. SQLite has one writer anyway."""
+    """Take an advisory lock on a text until the transaction ends; SQLite has one writer anyway."""
     if session.get_bind().dialect.name == "postgresql":
         key = func.hashtextextended(words, 0)
         session.execute(select(func.pg_advisory_xact_lock(key)))
 
 
 def flush_or_refuse(session: Session, words: str) -> None:
-    """Send what was changed; where the database's own rules forbid it, refuse in these words.
+    """Flush changes; if a constraint of the database forbids them, refuse with these words.
 
     Raises:
-        Conflict: A key is taken, something refers to what goes, or what is referred to has gone.
+        Conflict: A key is taken, a deleted row is still referred to, or a referred row is gone.
     """
     try:
         session.flush()

@@ -12,13 +12,13 @@ from exceptiondrive_schemas.printable import counted
 
 
 class RecordsError(Exception):
-    """A request that the records refuse; `str()` is a sentence fit for its sender."""
+    """A request that the records refuse; `str()` is a sentence for its sender."""
 
     code: ProblemCode = ProblemCode.BAD_REQUEST
 
 
 class InvalidRecord(RecordsError):
-    """A value is invalid; `fields` names the parts of the request that are wrong."""
+    """A value is invalid; `fields` names the invalid parts of the request."""
 
     code = ProblemCode.BAD_REQUEST
 
@@ -28,7 +28,7 @@ class InvalidRecord(RecordsError):
 
 
 class NotListed(InvalidRecord):
-    """A page of a list is requested after an item that is not in the list."""
+    """The page requested begins after an item that is not in the list."""
 
     def __init__(self) -> None:
         super().__init__(
@@ -38,7 +38,7 @@ class NotListed(InvalidRecord):
 
 
 class NotFound(RecordsError):
-    """It does not exist, or the sender may not see it: the sentence is the same."""
+    """It does not exist, or the sender may not see it; the sentence is the same."""
 
     code = ProblemCode.NOT_FOUND
 
@@ -47,7 +47,7 @@ class NotFound(RecordsError):
 
 
 class Conflict(RecordsError):
-    """The request conflicts with what is recorded."""
+    """The request conflicts with the present records."""
 
     code = ProblemCode.CONFLICT
 
@@ -85,7 +85,7 @@ class PhaseClosed(RecordsError):
 
 
 class QuotaExceeded(RecordsError):
-    """The team has no submissions left; `resets_at` is None when the total is spent."""
+    """The team has no submissions left; `resets_at` is None if the total quota is used up."""
 
     code = ProblemCode.QUOTA_EXCEEDED
 
@@ -118,7 +118,7 @@ class RejectedCapExceeded(RecordsError):
 
 
 class ConcurrentQuotaExceeded(RecordsError):
-    """Too many submissions of the team still wait; the next scored one makes room."""
+    """Too many submissions of the team still wait; the next scored one frees a place."""
 
     code = ProblemCode.TOO_MANY_REQUESTS
 
@@ -137,7 +137,7 @@ class StoreError(RecordsError):
 
     @property
     def reason(self) -> str:
-        """What the system or the store said, for operators alone: it may name a path."""
+        """The error of the system or the store, for operators only: it may name a path."""
         return str(self.__cause__ or self).partition("\n")[0][:300]
 
 
@@ -150,12 +150,12 @@ class UploadTooLarge(RecordsError):
         super().__init__(f"The file is larger than {limit_bytes} bytes.")
 
 
-# What a checker of the records reports.
+# Results of a check of the records.
 
 
 @dataclass(frozen=True, order=True)
 class Violation:
-    """A violated invariant: which rule, of what, and how."""
+    """A violated invariant: which rule, by what, and how."""
 
     rule: str
     subject: str

@@ -12,7 +12,7 @@ from exceptiondrive_schemas.printable import shown_text
 from exceptiondrive_schemas.references import RESERVED_NAMES, is_reserved
 
 _LETTERS = "0123456789abcdefghjkmnpqrstvwxyz"
-"""Crockford base 32: nothing looks like another. 32 divide the 256 values of a byte."""
+"""Crockford base 32: no two letters look alike. 32 divides 256, so bytes map without bias."""
 _UNSEEN = frozenset(
     chr(code)
     for first, last in (
@@ -22,18 +22,18 @@ _UNSEEN = frozenset(
     )
     for code in range(first, last + 1)
 )  # fmt: skip
-"""Default_Ignorable_Code_Point of Unicode's DerivedCoreProperties.txt as far as `str.isprintable` lets
-it pass, and the blank braille pattern."""
+"""Default_Ignorable_Code_Point of Unicode's DerivedCoreProperties.txt as far as `str.isprintable`
+accepts it, and the blank braille pattern."""
 _SMALL_CAPITALS = str.maketrans("ᴀʙᴄᴅᴇꜰɢʜɪᴊᴋʟᴍɴᴏᴘꞯʀꜱᴛᴜᴠᴡʏᴢ", "ABCDEFGHIJKLMNOPQRSTUVWYZ")
 _FRAMED = {first + n: ord("A") + n for first in (0x1F150, 0x1F170, 0x1F1E6) for n in range(26)}
-"""Letters in black circles and squares, and those of flags."""
+"""Latin letters for letters in black circles and squares, and for regional indicators (flags)."""
 _PILE = re.compile("mmm")
 _PSEUDONYM = re.compile(r"team *[0-9a-z]{3} *[^0-9a-z ]+ *[0-9a-z]{3}|former +team\b.*")
-"""As an anonymous phase names a team (`phases.policy`), and as a forgotten one is called."""
+"""Names of teams in an anonymous phase (`phases.policy`), and of forgotten teams."""
 _WORD = re.compile(r"\w+")
 _SLUG = re.compile(r"[a-z0-9][a-z0-9-]{0,63}")
 _WORDS_OF_PAGES = {"phase": {"new"}, "team": {"import"}}
-"""What stands in an address where the id of a phase or team stands in others."""
+"""Words that some addresses have in the place of the id of a phase or team."""
 
 
 def random_id(length: int = 16) -> str:
@@ -47,10 +47,10 @@ def secret_digest(secret: str) -> str:
 
 
 def checked_slug(kind: str, slug: str) -> str:
-    """Return `slug` if it may stand in an address.
+    """Return `slug` if it can be part of an address.
 
     Raises:
-        InvalidRecord: It may not.
+        InvalidRecord: It cannot.
     """
     if _SLUG.fullmatch(slug) is None:
         raise InvalidRecord(
@@ -91,8 +91,8 @@ def checked_name(kind: str, name: str) -> str:
     """Return the name of a team or method, as `checked_text` does.
 
     Raises:
-        InvalidRecord: It cannot be used, shows nothing to read, piles up accents, holds what no eye
-            sees, or reads as the name of a reference row or of the paper's rows.
+        InvalidRecord: It cannot be used, has no readable character, stacks accents, holds invisible
+            characters, or reads as the name of a reference row or of the paper's rows.
     """
     name = checked_text(kind, name, max_length=80)
     if not any(c.isalnum() and c not in _UNSEEN for c in name):
@@ -110,8 +110,8 @@ def checked_team(slug: str, name: str) -> str:
     """Return the name of a team, as `checked_name` does.
 
     Raises:
-        InvalidRecord: As `checked_slug` and `checked_name`; or id or name is made like those that the
-            site gives to teams whose names it does not tell.
+        InvalidRecord: As `checked_slug` and `checked_name`; or id or name looks like the ones that
+            the site gives to anonymous or forgotten teams.
     """
     checked_slug("team", slug)
     name = checked_name("team name", name)
@@ -123,8 +123,8 @@ def checked_team(slug: str, name: str) -> str:
 def skeleton(name: str) -> str:
     """Return the skeleton of a name: two names with the same skeleton look alike.
 
-    By UTS 39, section 4, with the library's table of confusables; in addition it drops case, accents
-    and width, merges i, l, 1 and I, and turns anything but letters and digits into a blank.
+    It follows UTS 39, section 4, with the library's table of confusables. In addition it drops
+    case, accents and width, merges i, l, 1 and I, and turns punctuation and symbols into blanks.
     """
     letters = _as_read(name).replace("i", "l")
     seen = (" " if unicodedata.category(c)[0] in "PSZ" else c for c in letters)
@@ -134,14 +134,14 @@ def skeleton(name: str) -> str:
 def _as_read(name: str) -> str:
     """Fold letters that look alike, case, accents and width.
 
-    A word that looks Latin as it is written is read so, before case is folded: many a capital of
-    another script looks like a Latin one, and its small letter does not.
+    A word that looks Latin is mapped to Latin before its case is folded: many capitals of other
+    scripts look like Latin ones, while their small letters do not.
     """
     plain = _without_accents(unicodedata.normalize("NFKC", name.translate(_FRAMED)))
     plain = plain.translate(_SMALL_CAPITALS)
     folded = _without_accents(_WORD.sub(_as_latin, plain).casefold())
     dashed = ("-" if unicodedata.category(c) == "Pd" else c for c in folded)
-    read = _without_accents("".join(map(_prototype, dashed)))  # a bar through a letter is one, too
+    read = _without_accents("".join(map(_prototype, dashed)))  # drops bars through letters, too
     return read.casefold().replace("vv", "w")
 
 
@@ -156,7 +156,7 @@ def _as_latin(word: re.Match[str]) -> str:
 
 
 def _prototype(letter: str) -> str:
-    """The letter that stands for all that look like it, or the smaller one of two."""
+    """Return the letter that represents all that look like it; of two, the smaller one."""
     alike = _confusables().get(letter, [])
     if len(alike) != 1:
         return letter
@@ -165,7 +165,7 @@ def _prototype(letter: str) -> str:
 
 @cache
 def _confusables() -> dict[str, list[str]]:
-    """The library's table, loaded on first use: it takes longer to load than most modules.
+    """Return the library's table, loaded on first use: it takes longer to load than most modules.
 
     Hebrew and Arabic letters in it are wrapped in directional marks.
     """
@@ -183,7 +183,7 @@ def _reserved() -> frozenset[str]:
 
 
 def _marks_of(name: str) -> str:
-    """Return for each character whether it combines with the previous one."""
+    """Return one letter per character that says whether it combines with the previous one."""
     decomposed = unicodedata.normalize("NFD", name)
     return "".join("m" if unicodedata.category(c)[0] == "M" else "." for c in decomposed)
 

@@ -1,7 +1,7 @@
-"""Statements deferred to the end of a write transaction: updates without a result, and a condition.
+"""Defer statements to the end of a write transaction: updates without a result, and a condition.
 
 `Database.write` sends them together with the audit lines and the commit, on PostgreSQL in one round
-trip. So a contended row is not held locked while answers travel, however far the database is.
+trip. So no contended row stays locked during a round trip, however far away the database is.
 """
 
 from collections.abc import Mapping
@@ -13,7 +13,7 @@ from sqlalchemy import ColumnElement, Executable, case, literal, select
 from sqlalchemy.orm import Session
 
 WRITES = "exceptiondrive_writes"
-"""Option of the connections of write transactions. On PostgreSQL their driver opens none by itself."""
+"""Execution option of write transactions. On PostgreSQL the driver begins none by itself."""
 _LAST = "exceptiondrive_last"
 
 
@@ -23,8 +23,8 @@ class _Last:
     given: dict[str, Any]
     is_shared: bool
     refusal: Exception | None = None
-    """The statement is a condition: where it does not hold it divides by zero, which is an error in
-    PostgreSQL and NULL in SQLite."""
+    """Set if the statement is a condition: if it does not hold, it divides by zero, which is an
+    error in PostgreSQL and NULL in SQLite."""
 
 
 def do_last(
@@ -36,7 +36,7 @@ def do_last(
 ) -> None:
     """Defer a statement to the end of this write transaction.
 
-    Its result is not read. One that locks a contended row (`is_shared`) runs after all others.
+    Its result is not read. Statements that lock a contended row (`is_shared`) run after all others.
     """
     _last_of(session).append(_Last(what, dict(given or {}), is_shared))
 
@@ -44,7 +44,7 @@ def do_last(
 def require_last(
     session: Session, holds: ColumnElement[bool], given: Mapping[str, Any], refusal: Exception
 ) -> None:
-    """Commit this write transaction only if a condition holds at its end, with its shared rows locked.
+    """Commit this write transaction only if a condition holds at its end, under its locks.
 
     Otherwise `refusal` is raised.
     """

@@ -12,7 +12,7 @@ V = TypeVar("V")
 class Memory(Generic[K, V]):
     """Values by key, bounded by their total weight. Safe to share between threads.
 
-    The newest is kept however heavy it is: computing it again for every request would cost as much.
+    The newest value is kept even beyond the bound: otherwise every request would compute it again.
     """
 
     def __init__(self, room: int) -> None:
@@ -20,7 +20,7 @@ class Memory(Generic[K, V]):
         self._kept: OrderedDict[K, tuple[V, int]] = OrderedDict()
         self._lock = threading.Lock()
         self.weight = 0
-        """Of all that is kept."""
+        """Total weight of the cached values."""
 
     def get(self, key: K) -> V | None:
         """Return the value of a key, if cached."""
@@ -40,7 +40,7 @@ class Memory(Generic[K, V]):
         return value
 
     def make_room(self, weight: int) -> None:
-        """Evict what will not fit beside a value of this weight, before that is computed."""
+        """Evict values until one of this weight fits, before it is computed."""
         with self._lock:
             self._forget_beyond(self._room - weight)
 

@@ -1,4 +1,4 @@
-"""PostgreSQL over a network: one round trip for each result that is needed, and no more.
+"""Engine for PostgreSQL over a network that saves round trips: one for each needed result.
 
 Imported only for a PostgreSQL address: the driver takes a twelfth of a command's start-up time.
 """
@@ -20,12 +20,12 @@ from sqlalchemy.pool import ConnectionPoolEntry
 from exceptiondrive_records.db.last import WRITES
 
 TRUSTED_FOR_S = 5.0
-"""A connection that was used within so many seconds, and of which nothing was heard since, is taken as it
-is. One that its server ended has something to be heard."""
+"""A connection used within so many seconds is not pinged if its socket has nothing to read. If the
+server had closed it, there would be something to read."""
 BEGIN = "BEGIN"
 _GIVEN_BACK = "exceptiondrive_given_back_s"
 _LOST_AFTER_30_S = {"tcp_user_timeout": 30_000, "keepalives_idle": 10, "keepalives_interval": 5}
-"""A machine or network that is gone is heard of so soon. A server that is stopped answers these still."""
+"""A lost machine or network is noticed within 30 s; a stopped server is not: its kernel answers."""
 _LOCK_TIMEOUT = "30s"
 
 
@@ -52,7 +52,7 @@ def postgresql_engine(url: str) -> Engine:
         try:
             engine.dialect.do_ping(connection)
         except psycopg.Error:
-            raise InvalidatePoolError from None  # the pool opens another one
+            raise InvalidatePoolError from None  # the pool opens a new one
 
     event.listen(engine, "connect", _refuse_pooler)
     event.listen(engine, "checkin", note_when)
@@ -63,7 +63,7 @@ def postgresql_engine(url: str) -> Engine:
 
 
 def _refuse_pooler(connection: Any, _: ConnectionPoolEntry) -> None:
-    """Refuse a pooler in transaction mode: it drops settings and mixes up prepared statements of sessions."""
+    """Refuse a pooler in transaction mode: it drops settings and mixes up prepared statements."""
     connection.autocommit = True
     (kept,) = connection.execute("SHOW lock_timeout").fetchone()
     connection.autocommit = False
@@ -92,9 +92,9 @@ def _begin_with(how: str, cursor: Any, statement: Any, parameters: Any, context:
 
 
 def _must_begin(cursor: Any, context: Any) -> bool:
-    """Whether this is the first statement of a write transaction: BEGIN is sent with it.
+    """Whether this is the first statement of a write transaction, with which BEGIN is sent.
 
-    Reading row by row needs a transaction, too, which begins here.
+    Reading row by row (a server-side cursor) needs a transaction as well, which is begun here.
     """
     connection = cursor.connection
     if not connection.autocommit or has_begun(connection):
@@ -106,7 +106,7 @@ def _must_begin(cursor: Any, context: Any) -> bool:
 
 
 def has_begun(driver: "psycopg.Connection[Any]") -> bool:
-    """Whether a transaction is open, or about to be."""
+    """Whether a transaction is open, or is being opened."""
     return driver.info.transaction_status != TransactionStatus.IDLE
 
 
@@ -117,7 +117,7 @@ def in_one_go(connection: Connection) -> Iterator["psycopg.Connection[Any]"]:
     The first error is raised at the end, and the transaction is then rolled back.
 
     Raises:
-        DBAPIError: As for a statement by itself.
+        DBAPIError: As for a single statement.
     """
     driver: psycopg.Connection[Any] = connection.connection.driver_connection  # type: ignore[assignment]
     try:

@@ -1,8 +1,8 @@
-"""Database roles in production: the least rights that each service needs on each table.
+"""Database roles in production: least privilege for each service on each table.
 
-One table of rights is the only source: `exceptiondrive-server roles` prints its statements,
-`migrate --grant-to` applies them, and tests run the services under these roles. The owner of the
-tables migrates; no service is the owner.
+`RIGHTS` is the only source: `exceptiondrive-server roles` prints its statements, `migrate
+--grant-to` applies them, and tests run the services under these roles. The owner of the tables runs
+migrations; no service connects as the owner.
 """
 
 from collections.abc import Iterator, Mapping
@@ -42,7 +42,7 @@ _VERSIONS = "alembic_version"
 
 
 def _all_but(table: str, *fixed: str) -> str:
-    """Rights to select, insert and update, except for columns that never change."""
+    """Return the rights to select and insert, and to update all columns except the fixed ones."""
     columns = [column.name for column in Base.metadata.tables[table].columns]
     return f"SELECT, INSERT, UPDATE ({', '.join(name for name in columns if name not in fixed)})"
 
@@ -61,11 +61,11 @@ RIGHTS: Mapping[str, tuple[str, str, str]] = {
     # table: (api, worker, reconciler)
     _VERSIONS: (R, R, R),
     "allowances": (RIUD, R, R),
-    "audit_lines": (RI, RI, RI),  # nobody alters what was logged
+    "audit_lines": (RI, RI, RI),  # append-only for everyone
     "board_entries": (R, RI, R),
     "board_flips": (RI, RI, R),
     "boards": (R, RI, R),  # only workers publish
-    "confirmations": (_CONFIRMATIONS, R, R),  # workers believe a signature, not a row
+    "confirmations": (_CONFIRMATIONS, R, R),  # workers trust the signature, not the row
     "contact_points": (RIUD, R, R),
     "disqualifications": (RIU, R, R),
     "entry_drawings": (R, RI, R),
@@ -76,7 +76,7 @@ RIGHTS: Mapping[str, tuple[str, str, str]] = {
     "people": (RIU, NONE, NONE),
     "phases": (_PHASES, _POINTER, R),
     "protocol_drawings": (R, RI, R),
-    "protocols": (RID, R, R),  # foreign keys keep what is in use
+    "protocols": (RID, R, R),  # foreign keys protect those in use
     "questions": (RIUD, NONE, NONE),
     "receipt_keys": (RI, NONE, NONE),
     "reported_boards": (RIU, NONE, NONE),
@@ -87,7 +87,7 @@ RIGHTS: Mapping[str, tuple[str, str, str]] = {
     "sign_in_attempts": (RIUD, NONE, NONE),
     "similarities": (R, RI, R),
     "site_settings": (RIU, NONE, NONE),
-    "split_openings": (R, RI, R),  # what a worker opened stays counted
+    "split_openings": (R, RI, R),  # an opening counts forever
     "splits": (R, RIU, R),
     "submission_edits": (RI, NONE, NONE),
     "submissions": (_SUBMISSIONS, _STATUS, _STATUS),
@@ -97,7 +97,7 @@ RIGHTS: Mapping[str, tuple[str, str, str]] = {
     "work": (RIUD, RIU, RIUD),  # by kind: `WORK_RIGHTS`
     "worker_heartbeats": (R, RIUD, R),
 }
-"""Missing tables are errors: a test compares this with the tables of the code."""
+"""Every table must be listed: a test compares this with the tables of the code."""
 
 
 WORK_RIGHTS: Mapping[str, tuple[str, str, str]] = {
@@ -108,13 +108,13 @@ WORK_RIGHTS: Mapping[str, tuple[str, str, str]] = {
     "profile": (RI, RU, RU),
     "recheck": (RIU, RU, RU),
     "trial": (RI, RU, RU),
-    "score": (RIUD, RU, RIUD),  # workers score what others ask for
+    "score": (RIUD, RU, RIUD),  # workers score, and request no scoring
 }
-"""All work stands in one table; policies of its rows keep each role to its kinds."""
+"""All work is in one table; row-level policies restrict each role to its kinds."""
 
 
 def rights_of(role: Role) -> dict[str, str]:
-    """Return the rights of a role: by table, the text between GRANT and ON."""
+    """Return the rights of a role by table, as the text between GRANT and ON."""
     column = list(Role).index(role)
     return {table: rights[column] for table, rights in RIGHTS.items() if rights[column]}
 
@@ -148,7 +148,7 @@ _NO_LARGE_OBJECTS = """DO $$ DECLARE maker regprocedure; BEGIN
         LOOP EXECUTE format('REVOKE EXECUTE ON FUNCTION %s FROM PUBLIC', maker); END LOOP;
     END IF;
 END $$"""
-"""They would fill the disk past the rights of every table. A superuser alone can take that right away."""
+"""Large objects could fill the disk despite the table rights. Only a superuser can revoke them."""
 
 
 _PHASES_FOLLOW_BOARDS = (
@@ -168,8 +168,8 @@ _PHASES_FOLLOW_BOARDS = (
     BEFORE INSERT OR UPDATE OF protocol_digest, split_revision ON phases
     FOR EACH ROW EXECUTE FUNCTION phases_follow_boards()""",
 )
-"""The server points a phase only at what a worker has scored and built a board of, floors held; a
-phase without boards at any part but the private one."""
+"""The server may point a phase only at a protocol and split revision for which a worker, respecting
+the floors, built a board; a phase without boards at any revision except one of a private part."""
 
 
 _READERS_GET_THE_NEWEST = (
@@ -205,12 +205,12 @@ _READERS_GET_THE_NEWEST = (
     """CREATE TRIGGER flips_follow_pointer BEFORE INSERT ON board_flips
     FOR EACH ROW EXECUTE FUNCTION flips_follow_pointer()""",
 )
-"""The server shows what a worker built last, as a reveal or another protocol does; no earlier board,
-and nothing that was so at another time. Late views are the workers', which the server may end."""
+"""The server may show only the newest board of the present protocol and split, and record a flip
+only with the present time. Only workers set the board of the late view; the server may clear it."""
 
 
 def _work_policies(role: Role) -> Iterator[str]:
-    """Row policies of the work table: all may read it; changing a row needs the right to its kind."""
+    """Yield row policies of the work table: all may read; a change needs the right to the kind."""
     yield "ALTER TABLE work ENABLE ROW LEVEL SECURITY"
     column = list(Role).index(role)
     for verb in ("SELECT", "INSERT", "UPDATE", "DELETE"):
@@ -225,17 +225,17 @@ def _work_policies(role: Role) -> Iterator[str]:
 _NUMBERED = frozenset(
     table.name for table in Base.metadata.tables.values() if table.autoincrement_column is not None
 )
-"""Tables whose rows the database numbers."""
+"""Tables whose ids come from a sequence of the database."""
 
 
-# Roles made and given their rights, by the owner of the database.
+# Creation of roles and their grants, by the owner of the database.
 
 
 def role_of(address: str) -> tuple[Role, URL]:
     """Return the role that an address connects as, and the address.
 
     Raises:
-        InvalidRecord: It is no address of PostgreSQL, or connects as somebody else.
+        InvalidRecord: It is no PostgreSQL address, or its user is none of the roles.
     """
     url = make_url(address)
     found = next((role for role in Role if role == url.username), None)
@@ -246,13 +246,13 @@ def role_of(address: str) -> tuple[Role, URL]:
 
 
 def grant_to_files(owner_url: str, files: list[Path]) -> list[Role]:
-    """Give the roles of addresses in files their rights; roles that are not there are made.
+    """Grant rights to the roles of addresses in files; create missing roles.
 
-    A role that cannot sign in with its address gets the password that stands there: so a new one, and one
-    whose password was changed in the file. Each file holds the address with which one service connects.
+    Each file holds the address with which one service connects. A role that cannot sign in with its
+    address gets the password in it: a new role, or one whose password was changed in the file.
 
     Raises:
-        InvalidRecord: The database is no PostgreSQL, or an address is no role's.
+        InvalidRecord: The database is no PostgreSQL, or an address is of no role.
     """
     if make_url(owner_url).get_backend_name() != "postgresql":
         raise InvalidRecord("Roles are for PostgreSQL; SQLite knows none.")
@@ -292,7 +292,7 @@ def _can_connect(url: URL) -> bool:
 
 def _set_password(session: Session, role: Role, password: str) -> None:
     """Set a role's password; the database's log shows only a digest of it."""
-    from psycopg import Connection, sql  # PostgreSQL's alone: others do without
+    from psycopg import Connection, sql  # needed for PostgreSQL only
 
     driver = session.connection().connection.driver_connection
     assert isinstance(driver, Connection)

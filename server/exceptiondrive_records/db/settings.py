@@ -1,4 +1,4 @@
-"""Settings from the environment; a malformed one stops the start with one clear sentence."""
+"""Read settings from the environment; a malformed one stops the start with one clear sentence."""
 
 import difflib
 import os
@@ -20,11 +20,11 @@ _UNREADABLE = (
     "cannot be read as user:password@host:port; signs like / # ? @ : in a password are written as %2F "
     "%23 %3F %40 %3A"
 )
-"""Never what stands there: parts of a password would be told."""
+"""It does not quote the value, which could reveal parts of a password."""
 
 
 def matching(pattern: str, words: str) -> AfterValidator:
-    """Return a validator that refuses texts that do not match, with these words."""
+    """Return a validator that refuses texts that do not match the pattern, with this message."""
 
     def check(text: str) -> str:
         if not re.fullmatch(pattern, text):
@@ -83,7 +83,7 @@ class RecordsSettings(BaseSettings):
         if not url.startswith(("redis://", "rediss://", "redis+socket://")):
             raise ValueError("must start with redis://, rediss:// or redis+socket://")
         try:
-            urlsplit(url).port  # noqa: B018 - it is parsed when it is asked for
+            urlsplit(url).port  # noqa: B018 - the access parses it
         except ValueError:
             raise ValueError(_UNREADABLE) from None
         return url
@@ -102,7 +102,7 @@ Settings = TypeVar("Settings", bound=RecordsSettings)
 
 
 def folder_settings(data: Path) -> dict[str, str]:
-    """Return the paths that `exceptiondrive-server run` uses in its data folder, by setting."""
+    """Return the paths in the data folder of `exceptiondrive-server run`, by setting."""
     folder = data.resolve()
     return {
         "database_url": f"sqlite:///{folder / 'records.sqlite3'}",
@@ -113,15 +113,14 @@ def folder_settings(data: Path) -> dict[str, str]:
 
 
 def load_settings(kind: type[Settings], data: Path | None = None) -> Settings:
-    """Read settings of this kind from the environment; what it leaves open, from a data folder.
+    """Read settings of this kind from the environment, else from a data folder, else from secrets.
 
-    A value that the environment does not give may stand in a file of its variable's name, in small
-    letters, under /run/secrets (or the folder that EXCEPTIONDRIVE_SECRETS_DIR names); those of
-    `data` go before it. `data` is the folder of an `exceptiondrive-server run`.
+    `data` is the folder of an `exceptiondrive-server run`. A secret is a file under /run/secrets
+    (or the folder that EXCEPTIONDRIVE_SECRETS_DIR names) with the name of the variable in lower
+    case.
 
     Raises:
-        SettingsError: A value is malformed, its file cannot be read, or a variable looks like a misspelt
-            one.
+        SettingsError: A value is malformed, its file cannot be read, or a variable looks misspelt.
     """
     _refuse_misspelt(set(kind.model_fields))
     folder = Path(os.environ.get(SECRETS_VARIABLE, "/run/secrets"))
@@ -148,7 +147,7 @@ def load_settings(kind: type[Settings], data: Path | None = None) -> Settings:
 
 
 def _line(location: tuple[int | str, ...], message: str) -> str:
-    """Name the variable and what is wrong with it; what concerns several names them itself."""
+    """Name the variable and its problem; a message about several variables names them itself."""
     said = message.removeprefix("Value error, ")
     place = ".".join(str(part) for part in location).upper()
     return f"{PREFIX}{place}: {said}" if place else said

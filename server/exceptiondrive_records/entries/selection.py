@@ -1,4 +1,4 @@
-"""What a team decides about its entries: which one counts, and which are public."""
+"""Let teams decide which of their entries counts, and which are public."""
 
 from collections.abc import Sequence
 from datetime import datetime
@@ -24,7 +24,7 @@ from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_schemas.api.phase_settings import RunRule
 
 MAX_CHOICES_A_DAY = 50
-"""Of a team, publications too."""
+"""Choices and publications of one team together."""
 
 
 def choose(
@@ -37,8 +37,8 @@ def choose(
 
     Raises:
         NotFound: No such submission.
-        Conflict: The phase lets teams choose nothing of that kind, its deadline has passed, or there
-            is no score yet.
+        Conflict: The phase does not offer that choice, its deadline has passed, or there is no
+            score yet.
     """
     submission, phase = _scored(session, submission_id)
     now = database_now(session)
@@ -65,10 +65,10 @@ def choose(
 def rules_of(
     session: Session, phase: Phase, submissions: Sequence[Submission]
 ) -> dict[str, tuple[RunRule, bool]]:
-    """Return which run stands, as teams said last, and whether they named this very submission.
+    """Return the rule by which a run counts, and whether the team chose this very submission.
 
-    Of the method, or of the team where the phase shows one entry of each; left out is of what nothing
-    was said: there the newest stands.
+    The rule is the last choice for the method, or for the team if the phase shows one entry of
+    each. Submissions without a choice are left out: there the newest run counts.
     """
     is_of_team = phase.policy.entries_shown == "chosen"
     if not is_of_team and phase.policy.run_choice == "newest":
@@ -83,7 +83,7 @@ def rules_of(
         )
         .order_by(Submission.chosen_at, Submission.received_at, Submission.id)
     )
-    said = {  # the last word of each
+    said = {  # the last choice for each method or team
         (team_id, "" if is_of_team else method): (rule, submission_id)
         for submission_id, team_id, method, rule in session.execute(query)
     }
@@ -96,7 +96,7 @@ def rules_of(
 
 
 def publish(session: Session, submission_id: str, *, actor: str) -> Submission:
-    """Put an entry on the board of a phase that keeps entries private; twice is once.
+    """Put an entry on the board of a phase that keeps entries private. Idempotent.
 
     Raises:
         NotFound: No such submission.
@@ -106,10 +106,10 @@ def publish(session: Session, submission_id: str, *, actor: str) -> Submission:
 
 
 def publishable(session: Session, phase: Phase, private: Sequence[Submission]) -> set[str]:
-    """Return the ids of those private entries that may be made public, where a phase still lets teams.
+    """Return the ids of those private entries that their teams may still make public.
 
-    After the deadline it is the one that the team named, else its newest, where none was public: of the
-    method, or of the team where the phase shows one entry of each. So nobody picks after the fact.
+    After the deadline that is the chosen or else newest entry of each method (or team, if the phase
+    shows one of each) that has no public entry, so that nobody picks after the fact.
     """
     now = database_now(session)
     final = [each for each in private if _is_final(phase, each, now)]

@@ -1,4 +1,4 @@
-"""Alembic migrations, applied by `migrate`. Other commands check the schema without importing Alembic."""
+"""Alembic migrations, applied by `migrate`; other commands check the schema without Alembic."""
 
 from functools import cache
 from pathlib import Path
@@ -16,13 +16,13 @@ _LOCK = 0x45447363  # any constant: one migration at a time on PostgreSQL
 
 
 def migrate(url: str) -> None:
-    """Bring the database to the newest schema; each migration is atomic.
+    """Upgrade the database to the newest schema; each migration is atomic.
 
-    A schema newer than this code knows is left as it is: migrations only add, so that this code works
-    with it, as it must between an upgrade and its rollback.
+    A schema newer than this code is left unchanged: migrations only add, so that this code works
+    with it after the rollback of an upgrade.
 
     Raises:
-        SettingsError: The records were made by an unreleased state of this schema, before it had all its columns.
+        SettingsError: The records have an unreleased state of this schema, which lacks columns.
     """
     database = Database(url)
     try:
@@ -60,7 +60,7 @@ def is_current(database: Database) -> bool:
 
 
 def is_usable(database: Database) -> bool:
-    """Whether this code can work with the schema: it is the newest known one, or a newer one."""
+    """Whether this code can use the schema: it is the newest known one, or a newer one."""
     with database.read() as session:
         return _is_usable(session)
 
@@ -97,5 +97,5 @@ def _revision_of(session: Session) -> str | None:
 
 @cache
 def _revisions(folder: Path) -> list[str]:
-    """Revisions that this code knows, oldest first: a migration's file begins with its own."""
+    """Return the revisions that this code knows, oldest first; file names begin with them."""
     return sorted(file.name.partition("_")[0] for file in folder.glob("versions/[0-9]*_*.py"))

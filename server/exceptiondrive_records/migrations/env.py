@@ -7,7 +7,7 @@ from exceptiondrive_records.db.base import Base
 context.configure(
     connection=context.config.attributes["connection"],
     target_metadata=Base.metadata,
-    transactional_ddl=False,  # `migrate` holds the one transaction
+    transactional_ddl=False,  # `migrate` holds the only transaction
     render_as_batch=True,
 )
 context.run_migrations()

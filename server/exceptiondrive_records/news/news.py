@@ -1,4 +1,4 @@
-"""News of a phase: on its page, in its feed, and in the inbox of every team."""
+"""News of a phase, published on its page, in its feed, and to the inbox of every team."""
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session
@@ -30,13 +30,13 @@ def publish_news(
 ) -> News:
     """Publish news of a phase and notify every team; the same text is sent only once.
 
-    The text is Markdown. Inboxes know none: they are told `plain`, or the text as it is written.
-    With `to_its_teams` those alone are told that submitted to the phase.
+    The text is Markdown. Inboxes show plain text: `plain`, or the text as written. With
+    `to_its_teams` only teams that submitted to the phase are notified.
 
     Raises:
         NotFound: No such phase.
         InvalidRecord: A text cannot be used.
-        Conflict: The phase is hidden, or a team has this very message.
+        Conflict: The phase is hidden, or a team has the same message already.
     """
     phase = find_phase(session, phase_id)
     if phase.visibility == "hidden":
@@ -65,7 +65,7 @@ def withdraw_news(session: Session, news_id: str, *, reason: str, actor: str) ->
     """Remove news from page and feed; notices to teams stay.
 
     Raises:
-        NotFound: There is none.
+        NotFound: There are none with this id.
         InvalidRecord: The reason is empty.
         Conflict: They are withdrawn already.
     """
@@ -80,10 +80,10 @@ def withdraw_news(session: Session, news_id: str, *, reason: str, actor: str) ->
 
 
 def find_news(session: Session, news_id: str, *, lock: bool = False) -> News:
-    """Return news, withdrawn ones too.
+    """Return news, including withdrawn ones.
 
     Raises:
-        NotFound: There are none of this id.
+        NotFound: There are none with this id.
     """
     return find_row(session, News, "news", news_id, lock=lock)
 
@@ -95,7 +95,7 @@ def news_of(session: Session, phase_id: str) -> list[News]:
 
 
 def list_news(session: Session, phase_id: str | None = None) -> list[News]:
-    """Return the news of one phase or of all, withdrawn ones too, newest first.
+    """Return the news of one phase or of all, including withdrawn ones, newest first.
 
     Raises:
         NotFound: There is no such phase.

@@ -25,11 +25,11 @@ from exceptiondrive_records.teams.tables import Team
 
 MAX_QUESTION = 1000
 MAX_OPEN = 5
-"""So many questions of a team may wait for an answer; of one that waits for approval a single one."""
+"""Maximum number of a team's unanswered questions; for a team that waits for approval it is one."""
 _TITLE = "A question, answered"
 _MARKS = re.compile(r"[\\`*_\[\]<>&~|]|^[-+#=:]")
 _NUMBER = re.compile(r"^(\d+)([.)])")
-"""With the marks: what makes a line of a question more than words in Markdown."""
+"""With `_MARKS`: the characters of a question that Markdown would interpret."""
 
 
 def ask_question(
@@ -40,8 +40,8 @@ def ask_question(
     Raises:
         NotFound: No such phase, or it is hidden.
         InvalidRecord: The text cannot be used.
-        Conflict: Enough of the team's questions wait, or it asked this already; or it was forgotten, or
-            became part of another one.
+        Conflict: Too many of the team's questions wait, or it asked this already; or it was
+            forgotten, or merged into another one.
     """
     phase = shown_phase(session, phase_id)
     text = checked_text("question", text, max_length=MAX_QUESTION, may_have_lines=True)
@@ -80,14 +80,14 @@ def answer_question(
     actor: str,
     to_its_teams: bool = False,
 ) -> Question:
-    """Answer a question, once: the team is told, or everybody, who do not learn who asked.
+    """Answer a question once: to the team alone, or to everybody without naming the team.
 
-    The text is Markdown. Inboxes know none: they are told `plain`, or the text as it is written.
-    With `to_all` question and answer become news; of these, with `to_its_teams`, those alone are
-    told that submitted to the phase, and who asked.
+    The text is Markdown. Inboxes show plain text: `plain`, or the text as written. With `to_all`
+    question and answer become news; with `to_its_teams` only teams that submitted to the phase, and
+    the team that asked, are notified of these.
 
     Raises:
-        NotFound: There is none.
+        NotFound: There is none with this id.
         InvalidRecord: The text cannot be used.
         Conflict: It is answered already.
     """
@@ -129,21 +129,21 @@ def find_question(session: Session, question_id: str, *, lock: bool = False) -> 
     """Return a question, answered or not.
 
     Raises:
-        NotFound: There is none.
+        NotFound: There is none with this id.
     """
     return find_row(session, Question, "question", question_id, lock=lock)
 
 
 def questions_of(session: Session, team_id: int, phase_id: str) -> list[Question]:
-    """Return what a team asked about a phase, newest first."""
+    """Return a team's questions about a phase, newest first."""
     mine = Question.team_id == team_id, Question.phase_id == phase_id
     return list(session.scalars(select(Question).where(*mine).order_by(Question.asked_at.desc())))
 
 
 def list_questions(session: Session, phase_id: str | None = None) -> list[tuple[Question, str]]:
-    """Return questions, of one phase or all, with the id of the team: those that wait first.
+    """Return the questions of one phase or of all, each with the id of its team.
 
-    Who waits longest stands first of these, and the newest answer of the others.
+    Unanswered ones come first, the oldest first; then answered ones, the latest answer first.
 
     Raises:
         NotFound: There is no such phase.

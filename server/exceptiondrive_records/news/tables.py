@@ -9,7 +9,7 @@ from exceptiondrive_records.db.base import Base
 
 
 class News(Base):
-    """What organizers announce of a phase to everybody."""
+    """An announcement of organizers about a phase."""
 
     __tablename__ = "news"
     id: Mapped[str] = mapped_column(primary_key=True)
@@ -19,11 +19,11 @@ class News(Base):
     """Markdown."""
     published_at: Mapped[datetime]
     withdrawn_at: Mapped[datetime | None]
-    """Since when readers see it no more."""
+    """When it was withdrawn; readers no longer see it."""
 
 
 class Question(Base):
-    """What a team asks the organizers, and what they answer."""
+    """A team's question to the organizers, and their answer."""
 
     __tablename__ = "questions"
     id: Mapped[str] = mapped_column(primary_key=True)
@@ -34,4 +34,4 @@ class Question(Base):
     answer: Mapped[str | None] = mapped_column(Text)
     answered_at: Mapped[datetime | None]
     news_id: Mapped[str | None] = mapped_column(ForeignKey("news.id"))
-    """The news that tell it to everybody, without the team's name; None: the team alone is told."""
+    """The news that publish the answer without the team's name; None if only the team got it."""

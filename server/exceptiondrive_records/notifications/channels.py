@@ -1,4 +1,4 @@
-"""Webhooks: signed, over https, and never to an address inside our own network."""
+"""Send webhooks, signed and over https, never to an address in our own network; and e-mail."""
 
 import asyncio
 import hashlib
@@ -24,7 +24,7 @@ from exceptiondrive_schemas.api.standing_words import standing_words
 from exceptiondrive_schemas.challenges import CHALLENGES, Challenge
 from exceptiondrive_schemas.printable import one_line
 
-# Settings of what is sent outside; only the reconciler's process reads them.
+# Settings of external messages; only the reconciler's process reads them.
 
 
 class NoticeSettings(RecordsSettings):
@@ -32,7 +32,7 @@ class NoticeSettings(RecordsSettings):
 
     public_url: SiteUrl = "http://127.0.0.1:8000"
     smtp_host: str = ""
-    """Without one, no e-mail is sent; inbox and webhooks work all the same."""
+    """If empty, no e-mail is sent; inbox and webhooks still work."""
     smtp_port: Annotated[int, Field(ge=1, le=65535)] = 587
     smtp_security: Literal["starttls", "tls", "none"] = "starttls"
     smtp_user: str = ""
@@ -46,9 +46,9 @@ class NoticeSettings(RecordsSettings):
     ] = "ExceptionDrive <no-reply@localhost>"
     deliver_every_s: Seconds = 1.0
     delivery_attempts: Annotated[int, Field(ge=0, le=100)] = 8
-    """With none, no webhook is called and no e-mail sent: what waits goes on waiting."""
+    """If 0, no webhook is called and no e-mail sent: waiting messages go on waiting."""
     delivery_backoff_s: Seconds = 30.0
-    """Before the second try; doubles each time."""
+    """Pause before the second attempt; it doubles with each further one."""
 
 
 SIGNATURE_HEADER = "ExceptionDrive-Signature"
@@ -56,7 +56,7 @@ TIMESTAMP_HEADER = "ExceptionDrive-Timestamp"
 _ATTEMPTS = 3
 _TIMEOUT_S = 5.0
 _LONGEST_S = 20.0
-"""For all attempts together: a receiver that answers letter by letter holds up all others."""
+"""Limit for all attempts together: a receiver that answers byte by byte would delay all others."""
 
 
 class NotDelivered(Exception):  # noqa: N818 - says what happened
@@ -64,7 +64,7 @@ class NotDelivered(Exception):  # noqa: N818 - says what happened
 
 
 class _Stumbled(NotDelivered):
-    """A retry may help. httpx's own error would put the address, often a secret, into the log."""
+    """A retry may help. An error of httpx would put the address, often a secret, into the log."""
 
 
 def signature(secret: str, timestamp: int, body: bytes) -> str:
@@ -77,14 +77,14 @@ def allowed_address(url: SplitResult) -> str:
     """Return the address to connect to: over https, resolved once, and public.
 
     Raises:
-        NotDelivered: It is no https, the host is unknown, or one of its addresses is not public.
+        NotDelivered: It is not https, the host is unknown, or one of its addresses is not public.
     """
     if url.scheme != "https":
         raise NotDelivered("the webhook is not an https address")
     host, port = url.hostname or "", url.port or 443
     try:
         found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
-    except (OSError, UnicodeError):  # a name that no resolver takes is a UnicodeError
+    except (OSError, UnicodeError):  # a name that cannot be encoded is a UnicodeError
         raise NotDelivered("the host of the webhook is unknown") from None
     addresses = [str(item[4][0]).split("%")[0] for item in found]
     if not all(is_public(address) for address in addresses):
@@ -98,7 +98,7 @@ def send_webhook(url: str, secret: str, body: bytes, timestamp: int) -> None:
     The signature covers the Unix time, so that old messages cannot be replayed.
 
     Raises:
-        NotDelivered: It did not get there.
+        NotDelivered: No attempt succeeded.
     """
     parts = urlsplit(url)
     address = allowed_address(parts)
@@ -156,9 +156,9 @@ async def _post(
 
 
 _MAIL_TIMEOUT_S = 10.0
-"""For each answer of the server, of which one message takes up to a dozen."""
+"""Limit for each reply of the server; one message takes up to a dozen replies."""
 _LONG_LINES = default.clone(max_line_length=900)
-"""Below the 998 of RFC 5322: a folded address in a header would be written in code words."""
+"""Below the 998 of RFC 5322; shorter lines would fold an address in a header into encoded words."""
 
 
 def send_email(
@@ -166,10 +166,10 @@ def send_email(
 ) -> None:
     """Send a notification as plain text.
 
-    `unsubscribe` is the address, below the server's own, that ends all mail to `to` with one click.
+    `unsubscribe` is the path on the server that ends all mail to `to` with one click.
 
     Raises:
-        NotDelivered: No server is set, or it did not take the message.
+        NotDelivered: No server is set, or it did not accept the message.
     """
     if not settings.smtp_host:
         raise NotDelivered("no SMTP server is set (EXCEPTIONDRIVE_SMTP_HOST)")
@@ -179,7 +179,7 @@ def send_email(
             if settings.smtp_user:
                 server.login(settings.smtp_user, settings.smtp_password.get_secret_value())
             server.send_message(message)
-            with suppress(OSError):  # it is taken: what is answered to QUIT would send it again
+            with suppress(OSError):  # it was accepted: a failed QUIT must not cause a retry
                 server.quit()
     except (OSError, smtplib.SMTPException) as error:
         raise NotDelivered(f"the mail server did not take it ({type(error).__name__})") from None
@@ -197,7 +197,7 @@ def message_of(
     message["Subject"] = one_line(notice.title)
     message["From"] = settings.mail_from
     message["To"] = to
-    message["Date"] = notice.created_at  # RFC 5322 asks for it; of a later attempt it is the same
+    message["Date"] = notice.created_at  # required by RFC 5322; the same at every attempt
     message["Message-ID"] = f"<{notice.id}@{settings.mail_from.rsplit('@', 1)[-1].rstrip('>')}>"
     message["List-Unsubscribe"] = f"<{leave}>"
     message["List-Unsubscribe-Post"] = "List-Unsubscribe=One-Click"

@@ -1,4 +1,4 @@
-"""A team's addresses for notifications, in addition to its inbox."""
+"""Manage a team's external addresses for notifications, in addition to its inbox."""
 
 import re
 import secrets
@@ -31,13 +31,13 @@ from exceptiondrive_schemas.base import bytes_digest
 
 MAX_CONTACTS = 5
 MAX_ADDED_A_DAY = 20
-"""Each addition writes one mail to somebody who may not want it."""
+"""Each addition sends one mail to somebody who may not want it."""
 MAX_CHANGED_A_DAY = 50
-"""Of a team, whichever address: each leaves an audit line for ever."""
+"""Per team, over all addresses: each change leaves an audit line forever."""
 MAX_ASKED_A_DAY = 3
-"""How often one mailbox is asked for its yes, by all teams together."""
+"""Confirmation requests to one mailbox, by all teams together."""
 MAX_ASKED_BY_ONE = 2
-"""Of these by one team, so that it takes no other team's."""
+"""Those of one team among them, so that it does not use up the limit of others."""
 _EMAIL = re.compile(r"[A-Za-z0-9._%+-]{1,64}@(?:[A-Za-z0-9-]{1,63}\.)+[A-Za-z]{2,24}")
 
 
@@ -50,16 +50,16 @@ def add_contact(
     actor: str,
     wishes: Sequence[Subscription] = ("updates",),
 ) -> ContactPoint:
-    """Let a team be told at an address; a webhook gets a secret that signs what is sent.
+    """Add an address for notices to a team; a webhook gets a secret that signs its messages.
 
-    An e-mail address is written to once, and told nothing more until whoever reads there confirms
-    it. One that said no by the link in a mail is asked by no team until the no is taken back.
+    An e-mail address gets one request for confirmation, and nothing more until its reader confirms.
+    Once its reader unsubscribes by the link in a mail, no team can add it until they take that back.
 
     Raises:
-        NotAllowed: The team is not approved yet: strangers would let the site write to anybody.
+        NotAllowed: The team is not approved yet: strangers could make the site write to anybody.
         InvalidRecord: The address cannot be used.
-        Conflict: The team has it already, has enough, or added enough today; or whoever reads there
-            said no, or was asked often enough today.
+        Conflict: The team has it already, or reached its total or daily limit; or its reader
+            unsubscribed, or got enough requests today.
     """
     require_approved(hold_team(session, team_id))
     if channel is Channel.WEBHOOK:
@@ -101,11 +101,11 @@ def add_contact(
 def set_wishes(
     session: Session, team_id: int, contact_id: str, wishes: Sequence[Subscription], *, actor: str
 ) -> ContactPoint:
-    """Set what an address is told of.
+    """Set the subscriptions of an address.
 
     Raises:
         NotFound: There is none, or it is another team's.
-        Conflict: The team changed enough today, or was refused.
+        Conflict: The team reached its daily limit of changes, or was refused.
     """
     hold_team(session, team_id)
     contact = find_contact(session, team_id, contact_id)
@@ -126,10 +126,10 @@ def set_wishes(
 def find_by_key(
     session: Session, contact_id: str, key: str, *, may_be_removed: bool = False
 ) -> ContactPoint:
-    """Return the e-mail address that a link in a mail speaks for.
+    """Return the e-mail address to which a link in a mail belongs.
 
     Raises:
-        NotFound: There is none, it was removed, or the key is wrong: the answer is the same.
+        NotFound: There is none, it was removed, or the key is wrong; the answer is the same.
     """
     contact = session.get(ContactPoint, contact_id)
     if (
@@ -145,7 +145,7 @@ def find_by_key(
 
 
 def confirm_contact(session: Session, contact_id: str, key: str) -> ContactPoint:
-    """Note that whoever reads at an address said yes; twice is once.
+    """Record that the reader of an address confirmed it. Idempotent.
 
     Raises:
         NotFound: As `find_by_key`.
@@ -159,14 +159,14 @@ def confirm_contact(session: Session, contact_id: str, key: str) -> ContactPoint
 
 
 def unsubscribe_contact(session: Session, contact_id: str, key: str) -> str:
-    """Tell an address nothing more, and let no team ask it again; return the address. Twice is once.
+    """Unsubscribe an address, and let no team ask it again; return the address. Idempotent.
 
-    A team that removed it cannot keep whoever reads there from saying no. What other teams asked
-    there and got no answer to is withdrawn; what was said yes to stays. The same link takes it back
+    The link works even after the team removed the address. Unanswered requests of other teams to
+    the mailbox are withdrawn; confirmed addresses stay. The same link takes it back
     (`allow_contact`).
 
     Raises:
-        NotFound: As `find_by_key`, but for an address that was removed.
+        NotFound: As `find_by_key`, except that the address may have been removed.
     """
     contact = find_by_key(session, contact_id, key, may_be_removed=True)
     hold_words(session, f"mailbox {contact.mailbox_digest}")
@@ -187,12 +187,12 @@ def unsubscribe_contact(session: Session, contact_id: str, key: str) -> str:
 
 
 def allow_contact(session: Session, contact_id: str, key: str) -> None:
-    """Take back what was said no to at a mailbox: teams may ask there again, and wait for its yes.
+    """Take back the unsubscription of a mailbox: teams may ask again, and wait for a confirmation.
 
-    The links that said no open nothing more: so each says it once.
+    The links that unsubscribed it no longer work: each works once.
 
     Raises:
-        NotFound: As `find_by_key`, but for an address that was removed.
+        NotFound: As `find_by_key`, except that the address may have been removed.
     """
     contact = find_by_key(session, contact_id, key, may_be_removed=True)
     hold_words(session, f"mailbox {contact.mailbox_digest}")
@@ -203,7 +203,7 @@ def allow_contact(session: Session, contact_id: str, key: str) -> None:
 
 
 def contact_link(contact: ContactPoint, what: Literal["confirm", "unsubscribe"]) -> str:
-    """Return the address, below the server's own, of a link in a mail."""
+    """Return the path, on the server, of a link in a mail."""
     return f"/contacts/{contact.id}/{what}?key={contact.secret}"
 
 
@@ -226,9 +226,9 @@ def _question(session: Session, contact: ContactPoint, now: datetime) -> Notific
 
 
 def _mailbox_digest(address: str) -> str:
-    """The digest of an address in small letters, without a `+tag`: one who reads has many of these.
+    """Return the digest of an address in lower case without `+tag`: a mailbox has many of these.
 
-    Google reads no dot of a name, and both of its hosts into one mailbox.
+    Google ignores dots in names, and delivers mail for both of its hosts to one mailbox.
     """
     name, _, host = address.lower().rpartition("@")
     name = name.partition("+")[0]
@@ -255,7 +255,7 @@ def _require_may_be_asked(
 
 
 def find_contact(session: Session, team_id: int, contact_id: str) -> ContactPoint:
-    """Return an address that a team is told at, or asked to be.
+    """Return an address of a team, confirmed or not.
 
     Raises:
         NotFound: There is none, or it is another team's.
@@ -275,7 +275,7 @@ def list_contacts(session: Session, team_id: int) -> list[ContactPoint]:
 
 
 def newest_delivery(session: Session, contact_id: str) -> Delivery | None:
-    """Return what became of the newest message to an address; None: there was none yet."""
+    """Return the delivery of the newest message to an address; None if there was none yet."""
     query = (
         select(Delivery)
         .join(Notification, Notification.id == Delivery.notification_id)
@@ -287,14 +287,14 @@ def newest_delivery(session: Session, contact_id: str) -> Delivery | None:
 
 
 def take_away(contact: ContactPoint, now: datetime) -> None:
-    """Forget an address; of a mailbox the digest stays, and the key with which it may still say no."""
+    """Forget an address; a mailbox keeps its digest, and the key with which it can unsubscribe."""
     contact.address, contact.removed_at = "", now
     if contact.channel is Channel.WEBHOOK:
         contact.secret = None
 
 
 def remove_contact(session: Session, team_id: int, contact_id: str, *, actor: str) -> None:
-    """Tell a team no longer at an address, and forget it.
+    """Remove an address of a team, and forget it.
 
     Raises:
         NotFound: There is none, or it is another team's.
@@ -310,7 +310,7 @@ def _require_webhook(address: str) -> None:
         parts = urlsplit(address)
         host = parts.hostname
         _ = parts.port
-        _ = (host or "").encode("idna")  # what no resolver takes
+        _ = (host or "").encode("idna")  # fails for names that cannot be resolved
     except ValueError:
         raise InvalidRecord("The webhook is not an address.") from None
     if not address.isascii() or not address.isprintable() or " " in address:

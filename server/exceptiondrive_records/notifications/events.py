@@ -51,19 +51,19 @@ _OUTCOME_WORDS: dict[SubmissionStatus, str] = {
 
 
 class _Event(NamedTuple):
-    """What happened to a team; `subject` names it, so that it is told once."""
+    """An event to notify a team of; `subject` identifies it, so that it is sent once."""
 
     kind: EventKind
     subject: str
     title: str
     sentences: tuple[str, ...]
     address: str
-    """Where there is more, below the server's own."""
+    """Path of a page with more, on the server."""
     phase: str
 
 
 def tell_teams(database: Database) -> int:
-    """Tell what happened of late to teams that subscribe to it; return how many messages were made."""
+    """Notify subscribed teams of recent events; return the number of messages."""
     with database.read() as session:
         now = database_now(session)
         events = [
@@ -97,7 +97,7 @@ def tell_teams(database: Database) -> int:
 
 
 def _wishes(session: Session) -> dict[int, dict[Subscription, datetime]]:
-    """By team: what its confirmed addresses subscribe to besides updates, and since when."""
+    """Return by team what its confirmed addresses subscribe to besides updates, and since when."""
     query = select(ContactPoint).where(
         ContactPoint.removed_at.is_(None),
         ContactPoint.confirmed_at.is_not(None),
@@ -134,7 +134,7 @@ def _outcomes(
         Submission.team_id == team_id,
         Submission.status.in_(OUTCOMES),
         Submission.status_at > now - _TOLD_WITHIN,
-        ~told,  # each poll would read a whole day again
+        ~told,  # otherwise each poll would read a whole day again
     )
     for submission in session.scalars(query.order_by(Submission.status_at)):
         kind = OUTCOMES[submission.status]
@@ -152,7 +152,7 @@ def _outcomes(
 
 
 def _sentences(session: Session, seen: SubmissionView) -> Iterator[str]:
-    """Say of an outcome what the team's own page says."""
+    """Yield the sentences about an outcome that the team's own page shows."""
     if seen.report is not None and seen.report.faults:
         yield f"{counted(seen.report.n_faults, 'fault')} in the file."
     if question := question_of(seen):
@@ -182,10 +182,10 @@ def _sentences(session: Session, seen: SubmissionView) -> Iterator[str]:
 
 
 def _overtaken_events(session: Session, team_id: int, now: datetime) -> Iterator[_Event]:
-    """Entries with a worse rank than on a board of the last hour, under the same protocol and split.
+    """Yield entries that lost ranks within the last hour, under the same protocol and split.
 
-    Of that hour only what came after the last such message: what it told is not told again. That an
-    entry of its own passed another is no news to a team.
+    Boards before the last such message are ignored, so that it is not repeated. An entry passed
+    only by the team's own entries is ignored, too.
     """
     hour = now.strftime("%Y-%m-%dT%H")
     flipped = exists().where(BoardFlip.phase_id == Phase.id, BoardFlip.at >= now - _PASSED_WITHIN)
@@ -225,9 +225,9 @@ def _overtaken_events(session: Session, team_id: int, now: datetime) -> Iterator
 def _best_ranks(
     session: Session, phase: Phase, submission_ids: frozenset[str], since: datetime
 ) -> list[tuple[str, int, int]]:
-    """The best rank of each submission on the boards that the phase showed since then.
+    """Return each submission with its best rank on the boards that the phase showed since then.
 
-    Last stands the best one among the others: without those of `submission_ids` that were ahead.
+    The third value is its best rank among others: not counting `submission_ids` ahead of it.
     """
     stood = board_at(session, phase.id, since)
     ahead = aliased(BoardEntryRow)
@@ -266,9 +266,9 @@ def _best_ranks(
 
 
 def _deadline_events(session: Session, team_id: int, now: datetime) -> Iterator[_Event]:
-    """Phases that the team takes part in; once for each minute that is named as its deadline.
+    """Yield phases of the team that end soon, once for each deadline to the minute.
 
-    Not those that take none of its uploads, as it is disqualified.
+    Phases in which the team is disqualified are left out.
     """
     submitted = select(Submission.phase_id).where(Submission.team_id == team_id)
     accepted = select(TermsAcceptance.phase_id).where(TermsAcceptance.team_id == team_id)

@@ -1,4 +1,4 @@
-"""A team's inbox, filled in the same transaction that changes its published numbers."""
+"""Fill and read a team's inbox, in the same transaction that changes its published numbers."""
 
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
@@ -41,9 +41,9 @@ def notify_teams(
     what_changed: tuple[str, ...],
     at: datetime | None = None,
 ) -> None:
-    """Notify each team whose published numbers change of the old and the new ones; no others.
+    """Notify each team whose published numbers change of its old and new numbers; no others.
 
-    While the phase is hidden nothing of it is published, so nobody is told before it is shown.
+    Nothing of a hidden phase is published, so nobody is notified before it is shown.
     """
     phase = session.get_one(Phase, comparison.phase)
     if phase.visibility == "hidden":
@@ -84,7 +84,7 @@ def _changed_entries(comparison: Comparison) -> list[EntryChange]:
 
 
 def _what_stands(session: Session, comparison: Comparison) -> str:
-    """The protocol, or where it stays, the part of the split that counts, or its revision."""
+    """Name what is new: the protocol, else the newly counted part of the split or its revision."""
     if comparison.from_protocol != comparison.to_protocol:
         return f"protocol {comparison.to_protocol.version}"
     new = comparison.to_split
@@ -108,21 +108,21 @@ def tell_team(
     at: datetime | None = None,
     **of_update: Any,
 ) -> Notification:
-    """Tell a team something: in its inbox, and at confirmed addresses, those that subscribe to it or all.
+    """Notify a team in its inbox and at its confirmed addresses, or those of them that subscribe.
 
     Args:
         session: Of a write transaction.
-        team: Who is told.
-        kind: Of the notification.
-        title: In one line.
-        sentences: What there is to say.
-        address: Where there is more, below the server's own.
-        phase: Which it concerns; empty: none in particular.
-        subject: What it is about, where nothing of its kind is told twice.
-        subscription: Only addresses with it are told; None: every one that is confirmed.
-        run_id: The rescoring run behind it.
-        at: When; by default now.
-        of_update: What else is said of a protocol update.
+        team: The recipient.
+        kind: Kind of the notification.
+        title: One line.
+        sentences: The text.
+        address: Path of a page with more, on the server.
+        phase: The phase that it concerns; empty if none in particular.
+        subject: Identifies what it is about, if nothing of its kind may be sent twice.
+        subscription: Send only to addresses with it; None for all confirmed ones.
+        run_id: The rescoring run that caused it.
+        at: Its time; by default now.
+        of_update: Further fields about a protocol update.
     """
     view = NotificationView(
         id=random_id(),
@@ -147,7 +147,7 @@ def tell_about(
     *,
     subject: str | None = None,
 ) -> Notification:
-    """Tell a team what organizers wrote about one of its submissions, or did to it; it leads there."""
+    """Notify a team of organizers' words or actions about its submission, with a link to it."""
     return tell_team(
         session,
         session.get_one(Team, submission.team_id),
@@ -161,7 +161,7 @@ def tell_about(
 
 
 def send_to(session: Session, contact: ContactPoint, view: NotificationView) -> None:
-    """Send a message to one address alone; it stands in no inbox."""
+    """Send a message to one address only; no inbox shows it."""
     _put(session, contact.team_id, view, [contact], subject=contact.id)
 
 
@@ -196,7 +196,7 @@ def _put(
 
 
 def notices_about(session: Session, submission_id: str) -> list[NotificationView]:
-    """Return what its team was told of a submission, newest first."""
+    """Return the notices to its team about a submission, newest first."""
     query = (
         select(Notification)
         .join(Submission, Submission.team_id == Notification.team_id)
@@ -208,7 +208,7 @@ def notices_about(session: Session, submission_id: str) -> list[NotificationView
 
 
 def _mentions(view: NotificationView, submission_id: str) -> bool:
-    """Whether a message tells of a submission, leads to it, or has its id among its words."""
+    """Whether a message lists a submission, links to it, or has its id in its text."""
     words = (view.title, *view.what_changed, view.comparison)
     return any(submission_id in each for each in words) or any(
         entry.submission_id == submission_id for entry in view.entries
@@ -218,7 +218,7 @@ def _mentions(view: NotificationView, submission_id: str) -> bool:
 def listening_contacts(
     session: Session, team_id: int, subscription: Subscription | None
 ) -> list[ContactPoint]:
-    """Return the confirmed addresses of a team that want to be told of something; None: all of them."""
+    """Return the confirmed addresses of a team with a subscription; None for all of them."""
     query = select(ContactPoint).where(
         ContactPoint.team_id == team_id,
         ContactPoint.removed_at.is_(None),
@@ -242,7 +242,7 @@ def list_notifications(
     """Return the inbox of a team, newest first, continuing after the message `after`.
 
     Raises:
-        NotListed: `after` is no message of the team.
+        NotListed: `after` is not a message of the team.
     """
     query = _inbox(select(Notification), team_id, only_unread=only_unread)
     if after is not None:
@@ -257,13 +257,13 @@ def list_notifications(
 
 
 def count_unread(session: Session, team_id: int) -> int:
-    """Return how many messages the team has not read."""
+    """Return the number of unread messages of the team."""
     query = select(func.count()).select_from(Notification)
     return session.scalar(_inbox(query, team_id, only_unread=True)) or 0
 
 
 def mark_read(session: Session, team_id: int, notification_id: str) -> NotificationView:
-    """Note that a message was read; doing it again changes nothing.
+    """Mark a message as read. Idempotent.
 
     Raises:
         NotFound: There is none, or it is another team's.
@@ -274,7 +274,7 @@ def mark_read(session: Session, team_id: int, notification_id: str) -> Notificat
 
 
 def mark_all_read(session: Session, team_id: int) -> None:
-    """Note that a team has read whatever stands in its inbox."""
+    """Mark all messages in a team's inbox as read."""
     session.execute(
         update(Notification)
         .where(Notification.team_id == team_id, Notification.read_at.is_(None))
@@ -300,9 +300,9 @@ def _view(row: Notification) -> NotificationView:
 
 
 def _submissions(session: Session, submission_ids: list[str]) -> dict[str, tuple[Submission, Team]]:
-    """By id, with the team's own words: on the boards of an anonymous phase stand others.
+    """Return submissions and their teams by id, with real names: anonymous boards show pseudonyms.
 
-    Whoever forgets one of the teams does so before it is told, or after.
+    The teams are locked, so that none is forgotten while it is being notified.
     """
     query = (
         select(Submission, Team)

@@ -1,4 +1,4 @@
-"""The outbox: pending messages, each claimed by one sender and retried for an hour."""
+"""Send pending messages from the outbox: each is claimed by one sender, and retried for an hour."""
 
 import threading
 from functools import cache
@@ -36,13 +36,13 @@ from exceptiondrive_schemas.api.notifications import NotificationView
 _log = structlog.get_logger("exceptiondrive.notices")
 
 _LEASE_S = 180.0
-"""Longer than one message may take, a mail up to a dozen answers: two senders would send it twice."""
+"""Longer than one message takes (a mail up to a dozen replies), so that no two senders send it."""
 _OF_LATE_S = 3600.0
-"""The time over which teams share the sender."""
+"""The window over which sending time is shared fairly among teams."""
 
 
 def run_outbox(database: Database, settings: NoticeSettings, stop: threading.Event) -> None:
-    """Send what is due, until `stop` is set; nothing where no attempt is allowed."""
+    """Send due messages until `stop` is set; send none if no attempt is allowed."""
     while settings.delivery_attempts and not stop.is_set():
         try:
             is_busy = send_next(database, settings)
@@ -54,13 +54,13 @@ def run_outbox(database: Database, settings: NoticeSettings, stop: threading.Eve
 
 
 def send_next(database: Database, settings: NoticeSettings) -> bool:
-    """Send the next message that is due; return whether there was one.
+    """Send the next due message; return whether there was one.
 
-    First come the teams to which sending took least time of late: one whose webhooks answer slowly keeps
-    none but itself waiting. Of a team, what is due longest comes first.
+    Teams to which sending took least time in the last hour come first, so that a slow webhook
+    delays only its own team. Within a team, the message that has been due longest comes first.
 
-    A process that dies between sending and recording lets another send again: receivers know a
-    message by the `id` in its body.
+    Delivery is at least once: if a process dies between sending and recording, another sends it
+    again. Receivers recognize a message by the `id` in its body.
     """
     with database.read() as session:
         if session.scalar(_due()) is None:
@@ -69,7 +69,7 @@ def send_next(database: Database, settings: NoticeSettings) -> bool:
         delivery = claim(session, Delivery, _due(), _LEASE_S)
         if delivery is None:
             return False
-        if delivery.attempts > settings.delivery_attempts:  # whoever sends it dies of it
+        if delivery.attempts > settings.delivery_attempts:  # sending it kills the sender
             finish(session, delivery, WorkState.FAILED, note="no sender of it came back")
             return True
         contact = session.get_one(ContactPoint, delivery.contact_id)
@@ -79,7 +79,7 @@ def send_next(database: Database, settings: NoticeSettings) -> bool:
         error = None
     except NotDelivered as failure:
         error = str(failure)
-    except Exception as failure:  # noqa: BLE001 - one message must not keep all others waiting
+    except Exception as failure:  # noqa: BLE001 - one message must not block all others
         error = f"it could not be sent ({type(failure).__name__})"
     with database.write() as session:
         _record(session, delivery, error, settings)
@@ -95,7 +95,7 @@ def _due() -> Select[str]:
         .where(of_late.leased_at > seconds_from_now(-_OF_LATE_S))
         .group_by(ContactPoint.team_id)
         .cte()
-        .prefix_with("MATERIALIZED", dialect="postgresql")  # else it is asked for each message
+        .prefix_with("MATERIALIZED", dialect="postgresql")  # else evaluated for each message
     )
     return (
         select(Delivery.id)

@@ -40,7 +40,7 @@ def is_public(address: str) -> bool:
 
 
 def is_known_private(host: str) -> bool:
-    """Whether a host is private by its mere name: a numeric address, or this very machine."""
+    """Whether a host is private by its name alone: a private numeric address, or this machine."""
     try:
         return not is_public(host)
     except ValueError:

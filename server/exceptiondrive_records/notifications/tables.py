@@ -12,14 +12,14 @@ from exceptiondrive_records.work.tables import WorkItem, WorkState
 
 
 class Channel(StrEnum):
-    """How a team is told besides its inbox."""
+    """How a team is notified in addition to its inbox."""
 
     WEBHOOK = "webhook"
     EMAIL = "email"
 
 
 class DeliveryState(StrEnum):
-    """Where a message to the outside stands."""
+    """The state of a message to an external address."""
 
     WAITING = "waiting"
     SENT = "sent"
@@ -27,7 +27,7 @@ class DeliveryState(StrEnum):
 
 
 class ContactPoint(Base):
-    """Where a team wants to be told besides its inbox."""
+    """An external address at which a team wants notices."""
 
     __tablename__ = "contact_points"
     id: Mapped[str] = mapped_column(primary_key=True)
@@ -35,19 +35,19 @@ class ContactPoint(Base):
     channel: Mapped[Channel] = mapped_column(enum_text(Channel))
     address: Mapped[str]
     secret: Mapped[str | None]
-    """Signs the webhooks of this address, shown to the team once; of an e-mail address the key in
-    the links that confirm it and unsubscribe it."""
+    """For a webhook, the key that signs messages, shown to the team once; for an e-mail address,
+    the key in the links that confirm and unsubscribe it."""
     wishes: Mapped[str] = mapped_column(default="updates")
-    """What it subscribes to: each a `Subscription`, separated by spaces."""
+    """Its `Subscription`s, separated by spaces."""
     confirmed_at: Mapped[datetime | None]
-    """When whoever reads there said yes; a webhook needs no word."""
+    """When its reader confirmed it; for a webhook, when it was added."""
     created_at: Mapped[datetime]
     removed_at: Mapped[datetime | None]
     mailbox_digest: Mapped[str | None] = mapped_column(index=True)
-    """Of an e-mail address, however it is written: says how often it was asked, and that it said no."""
+    """Digest of a normalized e-mail address; to count requests to it, and to remember a refusal."""
     unsubscribed_at: Mapped[datetime | None]
-    """When whoever reads there said no: the address goes then, as it does once it is removed, and the
-    digest stays. None again once they took it back."""
+    """When its reader unsubscribed: the address is then deleted, as upon removal, and the digest
+    stays. None again once they take it back."""
 
 
 class Notification(Base):
@@ -64,15 +64,15 @@ class Notification(Base):
     run_id: Mapped[str | None] = mapped_column(ForeignKey("rescoring_runs.id"))
     kind: Mapped[str]
     subject: Mapped[str | None]
-    """What it is about, where nothing of the kind is told twice: a submission, a phase, an hour."""
+    """Unique key of what it is about, if sent only once: a submission, or a phase and an hour."""
     body: Mapped[str] = mapped_column(Text)
-    """The document that is shown and sent, as canonical JSON."""
+    """The document shown and sent, as canonical JSON."""
     created_at: Mapped[datetime]
     read_at: Mapped[datetime | None]
 
 
 class Delivery(WorkItem):
-    """The outbox: one message to one address outside."""
+    """An item of the outbox: one message to one external address."""
 
     __mapper_args__ = {"polymorphic_identity": "delivery"}  # noqa: RUF012
     notification_id: Mapped[str] = mapped_column(ForeignKey("notifications.id"), nullable=True)
@@ -80,7 +80,7 @@ class Delivery(WorkItem):
 
     @property
     def outcome(self) -> DeliveryState:
-        """Where it stands."""
+        """The state of the delivery."""
         if self.state is WorkState.DONE:
             return DeliveryState.SENT
         return DeliveryState.GIVEN_UP if self.state.is_final else DeliveryState.WAITING

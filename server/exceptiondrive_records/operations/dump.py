@@ -1,7 +1,7 @@
-"""All rows of all tables as portable JSON lines: from SQLite to PostgreSQL and back, bit for bit.
+"""Dump all tables as portable JSON lines: from SQLite to PostgreSQL and back, bit for bit.
 
-Documents keep their exact text. Tables about running processes only (heartbeats, leadership) are
-left out: they mean nothing on another system.
+Documents keep their exact text. Rows about running processes only (heartbeats, leadership) are left
+out: they mean nothing on another system.
 """
 
 import json
@@ -39,12 +39,12 @@ _LEADS = Leader.__mapper__.polymorphic_identity
 
 
 def dumped_tables() -> list[Table]:
-    """Return the tables that a dump holds, referred ones first."""
+    """Return the tables of a dump, referenced ones before those that refer to them."""
     return [table for table in Base.metadata.sorted_tables if table.name not in _PASSING]
 
 
 def begin_snapshot(session: Session) -> None:
-    """Let all reads of this session see one moment; call it first."""
+    """Make all reads of this session see one snapshot; call it first."""
     if session.get_bind().dialect.name == "postgresql":
         session.connection(execution_options={"isolation_level": "REPEATABLE READ"})
     else:
@@ -61,7 +61,7 @@ def dump_rows(session: Session, table: Table) -> Iterator[str]:
 
 
 def column_names(table: Table) -> list[str]:
-    """Return what the values of a line stand for."""
+    """Return the names of the values in a line."""
     return [column.name for column in table.columns]
 
 
@@ -92,9 +92,9 @@ def is_empty(session: Session) -> bool:
 def file_digests(
     session: Session, only: str | None = None, *, with_unconfirmed: bool = False
 ) -> list[str]:
-    """Return the digests of all stored files that any table mentions; of `only` this one, or none.
+    """Return the digests of all stored files that any table mentions, or of these only `only`.
 
-    A submission that its team did not confirm in time mentions none, unless `with_unconfirmed`.
+    Submissions that their teams did not confirm in time are ignored, unless `with_unconfirmed`.
     """
     found: set[str] = set()
     for table in dumped_tables():
@@ -110,17 +110,17 @@ def file_digests(
 
 
 def _rows_at_once(table: Table) -> int:
-    """Return how many rows may be in memory: a board of 10,000 entries alone takes 44 MB."""
+    """Return how many rows to load at once: a board of 10,000 entries alone takes 44 MB."""
     return 1 if table.name == BoardRow.__tablename__ else 500
 
 
 def _is_portable(table: Table) -> ColumnElement[bool]:
-    """Whether a row means something elsewhere: who leads now does not."""
+    """Whether a row is meaningful on another system: the present leader is not."""
     return table.c.kind != _LEADS if table.name == Leader.__tablename__ else true()
 
 
 def _stored_columns(table: Table) -> Table:
-    """Return the table with columns that give values as they are stored, not as documents."""
+    """Return the table with columns that yield stored values instead of parsed documents."""
     return Table(
         table.name,
         MetaData(),
@@ -144,7 +144,7 @@ def _from_json(kind: TypeEngine[Any], value: Any) -> Any:
 
 
 def _set_sequence(session: Session, table: Table) -> None:
-    """Let PostgreSQL go on numbering after the last row."""
+    """Make PostgreSQL's sequence continue after the last row."""
     if session.get_bind().dialect.name != "postgresql":
         return
     (key, *more) = table.primary_key.columns

@@ -1,13 +1,13 @@
-"""Garbage collection of stored files that no record mentions.
+"""Collect garbage: stored files that no record mentions.
 
-A refused upload's file is removed at once, an unconfirmed upload's when its time has passed, and a
-crash's when it is old. The hard case is a concurrent upload of the same bytes: it finds the file
-stored before its own record is written. Inside the upload's transaction, `file_store.is_kept` makes
-sure that the file is there, or stores it again, under a lock that excludes removal; storing a file
-also renews its age.
+The file of a refused upload is removed at once, that of an unconfirmed upload after its time to
+confirm, and a file left by a crash when it is old. The hard case is a concurrent upload of the same
+bytes, which finds the file stored before its own record is written. So `file_store.is_kept` checks
+inside the upload's transaction, under a lock that excludes removal, that the file is there, or
+stores it again; storing a file also renews its age.
 
-Beside a database that is empty or older than the uploads, all of these look like garbage, too. So
-only an operator's command removes more than a crash could leave.
+With a database that is empty or older than the uploads, all files look like garbage. So only an
+operator's command removes more files than a crash could leave.
 """
 
 import math
@@ -27,13 +27,13 @@ from exceptiondrive_records.submissions.file_store import FileStore, lock_store
 from exceptiondrive_records.work.lease import take_lead
 
 GRACE = timedelta(hours=24)
-"""An orphan that is younger may still belong to an upload under way."""
+"""A younger orphan may still belong to an upload in progress."""
 SWEEP_EVERY_S = 6 * 3600.0
 _POLL_EVERY_S = 60.0
 _BY_ITSELF = 3
-"""A crash leaves no more files that are in no record."""
+"""Crashes leave at most so many files without a record."""
 _UNDER_WAY = timedelta(hours=1)
-"""A file that is younger may be of an upload whose record is being written."""
+"""A younger file may belong to an upload whose record is being written."""
 _SUBJECT, _SWEPT, _LEFT = "file store", "orphaned files swept", "orphaned files left"
 
 
@@ -46,7 +46,7 @@ class Swept:
 
 
 class UnknownFiles(RecordsError):  # noqa: N818
-    """More files are in no record than crashes leave; none was removed."""
+    """More files have no record than crashes leave; none was removed."""
 
     def __init__(self, n_files: int) -> None:
         super().__init__(f"{n_files} stored files are in no record.")
@@ -64,9 +64,9 @@ def sweep_orphans(
     """Remove all stored files that are older than `grace` and that no record mentions.
 
     Raises:
-        UnknownFiles: More than `at_most` files are in no record at all, not even in one that was not
-            confirmed. The audit log says so, once.
-        StoreError: The store did not answer; what was removed until then is right.
+        UnknownFiles: More than `at_most` files have no record at all, not even an unconfirmed one.
+            The audit log notes this once.
+        StoreError: The store did not answer; files removed until then were orphans.
     """
     now = datetime.now(UTC)
     with database.read() as session:
@@ -96,7 +96,7 @@ def sweep_orphans(
 
 
 def orphans_were_left(session: Session) -> bool:
-    """Whether the last sweep removed nothing, as more files are in no record than crashes leave."""
+    """Whether the last sweep removed nothing, as more files had no record than crashes leave."""
     return last_action(session, _SUBJECT, _SWEPT, _LEFT) == _LEFT
 
 
@@ -105,7 +105,7 @@ def remove_orphan(
 ) -> bool:
     """Remove a file that no record mentions, under the lock that an upload's transaction holds.
 
-    It stays if it was sent after `before`, which is None where its upload was refused.
+    It stays if it was stored at or after `before`; `before` is None for a refused upload.
 
     Returns:
         Whether it was removed.
@@ -124,8 +124,8 @@ def remove_orphan(
 
 
 def run_sweeper(database: Database, files: FileStore, stop: threading.Event) -> None:
-    """Sweep what crashes leave every few hours until `stop` is set; of all reconcilers one at a time."""
-    from structlog import get_logger  # an operator's command has no log
+    """Sweep what crashes left every few hours, in one reconciler at a time, until `stop` is set."""
+    from structlog import get_logger  # operators' commands do not log
 
     log = get_logger("exceptiondrive.reconciler")
     while not stop.is_set():

@@ -1,4 +1,4 @@
-"""Invariants of records and files, which hold at any moment, however often processes died.
+"""Check invariants of records and files, which always hold, however often processes died.
 
 Read-only. `exceptiondrive-server verify` and `restore` report violations, and the fault suite checks
 them after every fault (docs/faults.md).
@@ -45,16 +45,16 @@ from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.protocol import ProtocolError
 from exceptiondrive_schemas.score_sheet import MetricRow
 
-# What must hold of every board: a pure function of score sheets under one protocol.
+# Invariants of boards: each is a pure function of score sheets under one protocol.
 
 
 _SheetKey = tuple[str, str, str]
 _Totals = tuple[MetricRow, MetricRow]
-"""Both aggregates of a sheet. Boards repeat their entries, so each is read once."""
+"""Both aggregates of a sheet, read once: boards repeat their entries."""
 
 
 def broken_boards(session: Session) -> Iterator[Violation]:
-    """Yield what is wrong with boards and with the pointers to them."""
+    """Yield violations by boards and by the pointers to them."""
     query = select(BoardRow).order_by(BoardRow.phase_id, BoardRow.number)
     last: dict[str, int] = {}
     totals: dict[_SheetKey, _Totals | None] = {}
@@ -70,10 +70,10 @@ def broken_boards(session: Session) -> Iterator[Violation]:
 
 
 def board_in(body: str) -> Board:
-    """Return the board that a recorded text is, read as strictly as any document.
+    """Parse the recorded text of a board, as strictly as any document.
 
     Raises:
-        ValidationError: It is no board.
+        ValidationError: The text is no valid board.
     """
     return Board.model_validate_json(body)
 
@@ -112,7 +112,7 @@ def _faults(
 
 
 def _digests(body: str) -> tuple[str, str]:
-    """Return the digests of a recorded text, which lacks fields that boards of later releases have."""
+    """Return the digests of a recorded text as it is: it may lack fields of later releases."""
     said = from_json(body)
     del said["board"], said["published_at"]
     return bytes_digest(body.encode()), content_digest(said)
@@ -138,9 +138,9 @@ def _entry_faults(
 def _reference_faults(
     entry: BoardEntry, row: BoardRow, references: dict[_SheetKey, MetricRow]
 ) -> Iterator[tuple[str, str]]:
-    """A reference depends on split and protocol alone: every board under them says the same of it.
+    """Check that boards of a split and protocol agree on a reference, which depends on these only.
 
-    A board of an older release may lack metrics that later ones have.
+    A board of an older release may lack metrics of later ones.
     """
     said = references.setdefault(
         (entry.method, row.protocol_digest, row.split_revision), entry.metrics
@@ -150,7 +150,7 @@ def _reference_faults(
 
 
 def _rank_faults(board: Board) -> Iterator[tuple[str, str]]:
-    """Ranks are 1, 2, 2, 4: each is one more than the number of entries above it."""
+    """Check ranks (1, 2, 2, 4): each is one more than the number of entries above it."""
     ranked = [entry.rank for entry in board.entries if entry.rank is not None]
     in_order = sorted(ranked)
     for entry in board.entries:
@@ -197,19 +197,19 @@ _SHEET_KEY = (
 
 @dataclass(frozen=True)
 class _Held:
-    """What the records hold, read in one transaction."""
+    """Submissions, jobs and sheets, read in one transaction."""
 
     submissions: dict[str, Submission]
     reported: set[str]
-    """Submissions with a report of faults; that it can be read is another rule."""
+    """Submissions with a report of faults; `unreadable_rows` checks the reports themselves."""
     jobs: list[Job]
     sheets: set[tuple[str, str, str]]
 
 
 def violations(session: Session) -> list[Violation]:
-    """Return everything in the records that must never be.
+    """Return all violations of invariants in the records.
 
-    A row that cannot be read is one of these things; a rule that meets it is said to be broken off.
+    An unreadable row is a violation; rules that it interrupts are reported as broken off.
     """
     rules: tuple[Callable[[Session], Iterable[Violation]], ...] = (
         unreadable_rows,
@@ -240,7 +240,7 @@ def violations(session: Session) -> list[Violation]:
 
 
 def unreadable_rows(session: Session) -> Iterator[Violation]:
-    """Every document is of its form, and every state is a known one, in every table."""
+    """Check in every table that documents are valid and states are known."""
     for table in Base.metadata.sorted_tables:
         keys = table.primary_key.columns
         for column in table.columns:
@@ -277,7 +277,7 @@ def _submissions_and_jobs(session: Session) -> Iterator[Violation]:
 
 
 def damaged_uploads(session: Session, files: FileStore, *, limit_bytes: int) -> list[Violation]:
-    """Read every file that the records mention; return those that are missing or damaged, and whose they are."""
+    """Read every file that the records mention; return missing or damaged ones, with owners."""
     found = []
     for digest in file_digests(session):
         try:
@@ -290,7 +290,7 @@ def damaged_uploads(session: Session, files: FileStore, *, limit_bytes: int) -> 
         except StoreError as error:
             found.append(Violation("store unreadable", digest, str(error)))
             if not isinstance(error, FileUnreadable):
-                break  # no other is given either
+                break  # the store does not answer for other files either
     return found
 
 
@@ -301,7 +301,7 @@ def _owner_of_file(session: Session, digest: str) -> str:
 
 
 def _first_jobs(held: _Held) -> Iterator[Violation]:
-    """Every submission has exactly one first job, and shows its fate."""
+    """Check that every submission has exactly one first job, and its outcome as status."""
     first = Counter(job.submission_id for job in held.jobs if job.is_first)
     for submission_id in held.submissions:
         if first[submission_id] != 1:
@@ -325,7 +325,7 @@ def _leases(held: _Held) -> Iterator[Violation]:
 
 
 def _sheets_of_jobs(held: _Held) -> Iterator[Violation]:
-    """A sheet comes from a job that is done, and a scored submission has one."""
+    """Check that every sheet comes from a finished job, and that scored submissions have one."""
     done = {
         (job.submission_id, job.protocol_digest, job.split_revision)
         for job in held.jobs
@@ -342,7 +342,7 @@ def _sheets_of_jobs(held: _Held) -> Iterator[Violation]:
 
 
 def _status_violations(held: _Held) -> Iterator[Violation]:
-    """Rejected means a report and no sheet, failed a code, withdrawn a time."""
+    """Check that rejected means a report and no sheet, failed a code, and withdrawn a time."""
     scored = {submission_id for submission_id, _, _ in held.sheets}
     for row in held.submissions.values():
         if row.status is Status.REJECTED and (row.id not in held.reported or row.id in scored):
@@ -354,7 +354,7 @@ def _status_violations(held: _Held) -> Iterator[Violation]:
 
 
 def _stand_on_the_board(session: Session) -> Iterator[Violation]:
-    """Whatever is scored, or will be, is so under what its phase shows; an open update sees to it itself."""
+    """Check that all are, or will be, scored under what their phase shows, but for open updates."""
     shown = select(Phase.id, Phase.protocol_digest, Phase.split_revision)
     for phase_id, *key in session.execute(shown.where(~exists().where(IS_TWO_SIDED))).all():
         found = left_out(phase_id, ScoringKey(*key))
@@ -364,7 +364,7 @@ def _stand_on_the_board(session: Session) -> Iterator[Violation]:
 
 
 def _scored_once(session: Session) -> Iterator[Violation]:
-    """As many lines say "scored" as there are sheets, for each submission and protocol."""
+    """Check that each submission and protocol has as many "scored" audit lines as sheets."""
     lines = session.scalars(select(AuditLine).where(AuditLine.action == "submission scored"))
     said = Counter((line.subject, str(line.detail.get("protocol"))) for line in lines)
     kept = Counter((key[0], key[1]) for key in session.execute(select(*_SHEET_KEY)))

@@ -1,4 +1,4 @@
-"""Structured logs of servers, workers and reconcilers: one JSON object a line, or text on a terminal.
+"""Structured logs of servers, workers and reconcilers: JSON lines, or text on a terminal.
 
 An error is logged by type and location, never by its message, which may quote what somebody sent.
 """
@@ -17,9 +17,9 @@ from structlog.typing import Processor
 
 
 def set_up_logs(stream: TextIO) -> None:
-    """Send all log lines of this process, those of libraries and warnings too, to a stream.
+    """Send all log lines of this process, including libraries and warnings, to a stream.
 
-    Nothing ends of a line that the stream does not take, as on a disk that is full.
+    Lines that the stream does not accept, as on a full disk, are dropped without an error.
     """
     shared: list[Processor] = [
         structlog.contextvars.merge_contextvars,
@@ -48,7 +48,7 @@ def set_up_logs(stream: TextIO) -> None:
 
 
 def places(error: BaseException) -> list[str]:
-    """Return where an error came from, innermost last: file, line and function, no values."""
+    """Return the stack of an error, innermost last: file, line and function, no values."""
     frames = traceback.extract_tb(error.__traceback__)
     return [f"{Path(frame.filename).name}:{frame.lineno} {frame.name}" for frame in frames]
 
@@ -65,7 +65,7 @@ def _without_words(
 
 
 class _Patient(io.TextIOBase):
-    """Writes to a stream, and loses what it does not take."""
+    """Writes to a stream, and drops what it does not accept."""
 
     def __init__(self, stream: TextIO) -> None:
         self._stream = stream

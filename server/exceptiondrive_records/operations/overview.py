@@ -1,4 +1,4 @@
-"""What needs an organizer's attention: teams, failures, runs, and whether scoring keeps up."""
+"""Read model of the overview, what needs an organizer: teams, failures, runs, scoring delays."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -30,14 +30,14 @@ from exceptiondrive_schemas.jobs import Lane
 
 NEWEST = 5
 SLOW_S = 300.0
-"""A fresh submission that has waited longer than this is worth a look."""
+"""A new submission that has waited longer than this needs attention."""
 _A_DAY = timedelta(days=1)
 _A_MONTH = timedelta(days=30)
 
 
 @dataclass(frozen=True)
 class LaneQueue:
-    """The queue of one lane; `held` jobs wait for a paused run, `oldest_s` is of those that may run."""
+    """The queue of one lane; `held` jobs wait for a paused run, and `oldest_s` ignores them."""
 
     lane: Lane
     waiting: int
@@ -58,7 +58,7 @@ class WorkerSign:
 
 @dataclass(frozen=True)
 class Overview:
-    """Everything that may need an organizer."""
+    """Everything that may need an organizer's attention."""
 
     pending: tuple[Team, ...]
     n_failed: int
@@ -66,19 +66,19 @@ class Overview:
     queue: tuple[LaneQueue, ...]
     workers: tuple[WorkerSign, ...]
     n_received_today: int
-    """In the last 24 hours."""
+    """Submissions received in the last 24 hours."""
     floors_held: tuple[AuditLine, ...]
-    """What workers refused of withheld splits in the last 30 days and is asked still, newest first."""
+    """Refused work on withheld splits of the last 30 days that is still requested, newest first."""
     troubles: tuple[Trouble, ...]
-    """What stands wrongly and no error says."""
+    """Problems that raise no error."""
     probing: tuple[AuditLine, ...]
-    """Where workers suspected probing in the last 30 days, newest first."""
+    """Suspicions of probing by workers in the last 30 days, newest first."""
     n_questions: int
-    """Questions of teams that wait for an answer."""
+    """Unanswered questions of teams."""
 
 
 def overview(session: Session) -> Overview:
-    """Return what waits for an organizer now."""
+    """Return what needs an organizer now."""
     pending = select(Team).where(Team.pending_since.is_not(None)).order_by(Team.pending_since)
     failed = select(func.count()).where(Submission.status == SubmissionStatus.FAILED)
     open_runs = list_runs(session, only_open=True)
@@ -105,9 +105,9 @@ def _of_workers(session: Session, action: str) -> Select[AuditLine]:
 
 
 def _floors_held(session: Session, open_runs: Sequence[RescoringRun]) -> list[AuditLine]:
-    """Return what is still asked: by a phase as it stands, or by a run that goes on.
+    """Return refusals of work that a phase or an open run still requests.
 
-    What was scored since is refused no longer.
+    Those after which something was scored under the same key are left out.
     """
     phases = list_phases(session, with_hidden=True)
     asked = {(phase.id, *key_of_phase(phase)) for phase in phases}
@@ -156,7 +156,7 @@ def lane_queue(session: Session, lane: Lane) -> LaneQueue:
 
 
 def worker_signs(session: Session) -> Iterable[WorkerSign]:
-    """Yield the last signs of workers, the newest first. A sign forgets those over an hour old."""
+    """Yield the last heartbeats of workers, newest first; `beat` deletes those over an hour old."""
     now = database_now(session)
     signs = select(WorkerHeartbeat).where(WorkerHeartbeat.at < SET_BACK)
     order = WorkerHeartbeat.at.desc(), WorkerHeartbeat.worker_id

@@ -1,7 +1,7 @@
 """The reconciler: once a second, it repairs whatever a crash or a lost message left undone.
 
-One leader at a time wakes the lanes that have work, gives up jobs without attempts left, and advances
-rescoring runs. Whatever it decides, a claim checks again.
+One leader at a time wakes the lanes that have work, gives up jobs without attempts left, and
+advances rescoring runs. Claims check its decisions again.
 """
 
 import math
@@ -32,10 +32,10 @@ LEADERSHIP = "reconciler"
 
 @dataclass(frozen=True)
 class Pass:
-    """What one pass did."""
+    """The results of one pass."""
 
     woken_for: int = 0
-    """How many items could be done now, in lanes that the broker could wake."""
+    """The number of due items in lanes that the broker could wake."""
     dead_jobs: int = 0
     rescoring_jobs: int = 0
 
@@ -58,10 +58,10 @@ def reconcile_once(database: Database, dispatcher: Dispatcher, settings: Records
 def run_reconciler(
     database: Database, dispatcher: Dispatcher, settings: RecordsSettings, stop: threading.Event
 ) -> None:
-    """Make passes while leading, until `stop` is set; what the database refuses or does not answer is tried again.
+    """Make passes while leading, until `stop` is set; retry after errors of the database.
 
     Raises:
-        ProgrammingError: A right, a table or a column is missing: no other try would help.
+        ProgrammingError: A right, table or column is missing: a retry would not help.
     """
     polled_at_s = -math.inf
     holder = f"{socket.gethostname()}:{os.getpid()}:{random_id(6)}"
@@ -80,7 +80,7 @@ def run_reconciler(
             _log.warning("the database did not answer", reason=sentence_of(error))
         except ProgrammingError:
             raise
-        except SQLAlchemyError as error:  # as where two lead, of whom one was frozen
+        except SQLAlchemyError as error:  # e.g. a former leader was frozen, so that two lead
             _log.warning("a pass was broken off", error=type(error).__name__)
         stop.wait(settings.reconcile_every_s)
     with database.write() as session:

@@ -18,14 +18,14 @@ DATA_HELP = (
     "Folder of `exceptiondrive-server run`; needed unless it is ./data or "
     "EXCEPTIONDRIVE_DATABASE_URL is set."
 )
-"""What every command says of its option `--data`."""
+"""Help text of the option `--data` of every command."""
 
 
 def prepare(database_url: str) -> None:
-    """Bring the schema up to date and add the protocols that ship; doing it again changes nothing.
+    """Bring the schema up to date and add the packaged protocols. Idempotent.
 
     Raises:
-        Conflict: A protocol was recorded under a shipped version with other content.
+        Conflict: A packaged version was recorded with other content.
     """
     migrate(database_url)
     database = Database(database_url)
@@ -39,10 +39,10 @@ def prepare(database_url: str) -> None:
 
 @contextmanager
 def opened(settings: RecordsSettings) -> Iterator[Database]:
-    """Open records that exist and have the newest schema; nothing is made by looking.
+    """Open records that exist and have the newest schema; never create them.
 
     Raises:
-        SettingsError: They do not; the text says where they were looked for, and what to do.
+        SettingsError: They do not; the text says where they were expected, and what to do.
     """
     url = make_url(settings.database_url)
     if url.get_backend_name() == "sqlite" and not _holds_anything(Path(url.database or "")):
@@ -63,5 +63,5 @@ def opened(settings: RecordsSettings) -> Iterator[Database]:
 
 
 def _holds_anything(path: Path) -> bool:
-    """Whether a database of SQLite was ever written: one that was only looked at is an empty file."""
+    """Whether a database of SQLite was ever written: one that was only opened is an empty file."""
     return path.is_file() and path.stat().st_size > 0

@@ -1,4 +1,4 @@
-"""Site-wide settings: the links on every page, and the progress of the sample's making at the start."""
+"""Site-wide settings: the links on every page, and the progress of building the sample at start."""
 
 import re
 from datetime import timedelta
@@ -19,13 +19,13 @@ _E_MAIL = re.compile(r"[^\s@<>\"'?&:/]+@[^\s@<>\"'?&:/]+\.[^\s@<>\"'?&:/]+")
 
 
 def site_links(session: Session) -> SiteLinks:
-    """Return the links as they are set; all are empty at first."""
+    """Return the links of the site; all are empty at first."""
     row = session.get(SiteSetting, _NAME)
     return SiteLinks() if row is None else SiteLinks.model_validate(row.value, extra="ignore")
 
 
 def set_site_links(session: Session, change: SiteLinks, *, actor: str) -> SiteLinks:
-    """Set the links that are set in `change`, and no others.
+    """Set those links that are set in `change`; keep the others.
 
     Raises:
         InvalidRecord: A link is no https address, or a text cannot be shown.
@@ -48,17 +48,17 @@ def set_site_links(session: Session, change: SiteLinks, *, actor: str) -> SiteLi
 
 _PREPARING = "preparing"
 _PREPARING_AT_LONGEST = timedelta(minutes=10)
-"""What was said longer ago is of a process that died."""
+"""An older message is of a process that died."""
 
 
 def say_preparing(session: Session, words: str) -> None:
-    """Let pages say what is being made before there is anything to see; no words end it."""
+    """Let pages show what is being prepared before there is anything to see; empty words end it."""
     row = SiteSetting(name=_PREPARING, value={"words": words}, changed_at=database_now(session))
     session.merge(row)
 
 
 def in_preparation(session: Session) -> str:
-    """Return what is being made now, in a sentence; empty where nothing is."""
+    """Return a sentence about what is being prepared now; empty if nothing is."""
     row = session.get(SiteSetting, _PREPARING)
     if row is None or row.changed_at + _PREPARING_AT_LONGEST < database_now(session):
         return ""

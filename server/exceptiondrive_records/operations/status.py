@@ -21,13 +21,13 @@ from exceptiondrive_schemas.printable import counted
 
 DAYS_TOLD = 7
 _AT_MOST = 20_000
-"""Jobs that are looked at for the days that are told."""
+"""Maximum number of jobs read for the statistics by day."""
 
 
 def scoring_delay(session: Session) -> str:
     """Say why scoring is delayed now; empty while it keeps up.
 
-    It is delayed while workers are expected and none lives, and while something waits too long.
+    It is delayed while workers are expected and none is alive, or a submission waits too long.
     """
     queue = lane_queue(session, Lane.LIVE)
     if live_workers(session, Lane.LIVE) == 0:
@@ -44,7 +44,7 @@ def scoring_delay(session: Session) -> str:
 
 
 def service_status(session: Session) -> ServiceStatus:
-    """Return whether submissions are scored now, and how it went of late."""
+    """Return whether submissions are scored now, and statistics of recent days."""
     delay = scoring_delay(session)
     queue = lane_queue(session, Lane.LIVE)
     return ServiceStatus(

@@ -1,6 +1,6 @@
-"""Problems that raise no error: the overview, the doctor and the metrics report them.
+"""Find problems that raise no error, for the overview, the doctor and the metrics.
 
-Each takes few queries to find, and reveals nothing of a split but its name and revision.
+Each check takes few queries, and reveals nothing about a split but its name and revision.
 """
 
 from collections.abc import Iterator, Sequence
@@ -25,21 +25,21 @@ from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.printable import counted
 
 BEGUN_IN_VAIN = 2
-"""A board that was begun so often was not finished at least once; so with a mail."""
+"""A board or mail begun so often remained unfinished at least once."""
 _MAIL_OF = timedelta(days=1)
-"""Mails that were last tried before this are told no more."""
+"""Mails last tried longer ago are no longer reported."""
 
 
 @dataclass(frozen=True)
 class Trouble:
-    """One of them.
+    """A problem that raises no error.
 
     Attributes:
-        code: Stable name, of metrics and alerts.
-        subject: The lane, split (or `split@revision`) or phase that has it.
+        code: Stable name, for metrics and alerts.
+        subject: The affected lane, split (or `split@revision`), phase, or other part.
         what: A sentence.
-        do: What an operator or organizer does about it.
-        stops_scoring: Whether something cannot be scored until then.
+        do: What an operator or organizer can do about it.
+        stops_scoring: Whether something cannot be scored until that is done.
     """
 
     code: str
@@ -50,7 +50,7 @@ class Trouble:
 
 
 def troubles(session: Session) -> tuple[Trouble, ...]:
-    """Return all of them, what stops scoring first."""
+    """Return all problems, those that stop scoring first."""
     return (
         *_lanes(session),
         *_splits(session),
@@ -64,7 +64,7 @@ def troubles(session: Session) -> tuple[Trouble, ...]:
 
 
 def troubles_of(session: Session, phase: Phase) -> tuple[Trouble, ...]:
-    """Return those of a phase and of its split. Another phase may have the name of the split."""
+    """Return the problems of a phase and of its split. A phase may have the same id as a split."""
     return (
         *(one for one in _splits(session) if one.subject.split("@")[0] == phase.split_name),
         *(one for one in _boards(session) if one.subject == phase.id),
@@ -126,7 +126,7 @@ def _reconciler(session: Session) -> Iterator[Trouble]:
 
 
 def _boards(session: Session) -> Iterator[Trouble]:
-    """A build that ends in an error keeps its lease, and is begun again when that has run out."""
+    """Find unfinished boards: a failed build keeps its lease, and is retried when that expires."""
     in_vain = (BoardRequest.state.in_(OPEN_STATES), BoardRequest.attempts >= BEGUN_IN_VAIN)
     times = func.max(BoardRequest.attempts)
     query = select(Phase, times).join(BoardRequest, BoardRequest.phase_id == Phase.id)
@@ -170,7 +170,7 @@ def _phases(session: Session, phases: Sequence[Phase]) -> Iterator[Trouble]:
 
 
 def _mail(session: Session) -> Iterator[Trouble]:
-    """One address that takes nothing is its team's affair: here no mail at all came through since."""
+    """Report failed mails if no mail was sent since; one failing address is its team's concern."""
     since = database_now(session) - _MAIL_OF
     mails = select(Delivery).join(ContactPoint).where(ContactPoint.channel == Channel.EMAIL)
     last_sent_at = session.scalar(

@@ -1,7 +1,7 @@
 """Find changes that bypassed the audit log, in rows that decide boards.
 
-The server's database role may change these rows, and may write audit lines. A change without its
-line is found here; `violations` runs all of these checks.
+The server's database role may change these rows, and may write audit lines. These checks find
+changes without a line; `violations` runs all of them.
 """
 
 from collections.abc import Iterator
@@ -26,7 +26,7 @@ from exceptiondrive_schemas.board import BoardNews
 
 
 def unlogged_forgetting(session: Session) -> Iterator[Violation]:
-    """Boards tell an alias for each forgotten team; the audit log says by whom it was forgotten."""
+    """Check that the log names exactly the forgotten teams, which boards show under aliases."""
     said = select(AuditLine.subject).where(AuditLine.action == "team forgotten")
     is_forgotten = Team.forgotten_at.is_not(None) & Team.merged_into_id.is_(None)
     for team in session.scalars(select(Team.slug).where(is_forgotten, Team.slug.not_in(said))):
@@ -38,21 +38,21 @@ def unlogged_forgetting(session: Session) -> Iterator[Violation]:
 
 @dataclass
 class _Told:
-    """What lines say of one submission, the last one of each kind."""
+    """The state of one submission according to the log, by the last line of each kind."""
 
     sent_by: str | None = None
     is_withdrawn: bool = False
     method: str | None = None
     chosen: tuple[str, datetime] | None = None
-    """The rule, and when the line was written."""
+    """The rule, and the time of the line."""
 
 
 _CHOICE_TO_LINE = timedelta(minutes=10)
-"""A choice is noted in the transaction of its line, which waits for locks at most."""
+"""A choice and its line are written in one transaction; only waiting for locks separates them."""
 
 
 def unlogged_submissions(session: Session) -> Iterator[Violation]:
-    """Whose a submission is, its method, its choice and that it was withdrawn follow from the log."""
+    """Check that team, method, choice and withdrawal of each submission follow from the log."""
     told = _told_of_submissions(session)
     into = {f"team:{team.id}": team.merged_into_id for team in session.scalars(select(Team))}
     for row in session.scalars(select(Submission).options(defer(Submission.report))):
@@ -102,7 +102,7 @@ def _is_choice(row: Submission, chosen: tuple[str, datetime] | None) -> bool:
 
 
 def unlogged_disqualifications(session: Session) -> Iterator[Violation]:
-    """Who is disqualified, in which words, and who is reinstated, follows from the log."""
+    """Check that disqualifications, with their words, and reinstatements follow from the log."""
     ended = AuditLine.action.endswith(" reinstated")
     begun = AuditLine.action.endswith(" disqualified")
     details = select(AuditLine.detail)
@@ -120,13 +120,13 @@ def unlogged_disqualifications(session: Session) -> Iterator[Violation]:
 
 
 _OF_A_FREEZE = "freezes_at"
-"""It moves with a freeze, whose line has other words."""
+"""A freeze also changes it, and its audit line has another form."""
 
 
 def unlogged_settings(session: Session) -> Iterator[Violation]:
-    """A phase has the dates and the policy that it was created with, but for what its lines change.
+    """Check that dates and policy of phases are those at creation, as changed by later audit lines.
 
-    Any line `phase ...` may: it names a setting with its value before and after.
+    Any line `phase ...` may change them: it names a setting with its value before and after.
     """
     told: dict[str, dict[str, Any]] = {}
     is_of_phase = AuditLine.action.startswith("phase ")
@@ -145,9 +145,9 @@ def unlogged_settings(session: Session) -> Iterator[Violation]:
 
 
 def unlogged_flips(session: Session) -> Iterator[Violation]:
-    """The history of a phase tells what stands in the boards that it names.
+    """Check that the news in the history of a phase follow from the boards that it names.
 
-    In which order is said by ids: the clock may have been set back between any two of its moments.
+    Flips are ordered by id, because the clock may have been set back between any two.
     """
     flips = (
         select(BoardFlip, Phase.challenge)
@@ -166,7 +166,7 @@ def unlogged_flips(session: Session) -> Iterator[Violation]:
 
 
 def _is_told(challenge: str, news: BoardNews, old: BoardRow | None, new: BoardRow) -> bool:
-    """Whether news follow from boards, as recorded or as told with aliases of forgotten teams."""
+    """Whether news follow from boards, with recorded names or with aliases of forgotten teams."""
     if news == BoardNews():  # nothing was shown before, or nothing comparable
         return True
     if old is None:

@@ -30,7 +30,7 @@ _SAID = {
 
 
 class Limits(TypedDict, total=False):
-    """What a team may be granted; None is as for all teams."""
+    """Limits that a team may be granted; None means the phase's own limit."""
 
     closes_at: datetime | None
     quota_per_day: int | None
@@ -46,19 +46,19 @@ def set_allowance(
     actor: str,
     **limits: Unpack[Limits],
 ) -> Allowance | None:
-    """Set what a team is granted in a phase: the limits that are given, and no others.
+    """Set a team's limits in a phase; limits that are not given stay.
 
-    A later deadline holds for what the team uploaded before it was granted, too: what came within it
-    is not late. One that the deadline of the phase has passed by is dropped when it is given once more.
+    A later deadline also applies to earlier uploads of the team: those within it are not late. If
+    the same deadline is given again and is no longer later than the phase's, it is dropped.
 
     Returns:
-        What is granted; None when the team has what all have again.
+        The allowance; None if the team has the same limits as all again.
 
     Raises:
         NotFound: No such team or phase.
-        InvalidRecord: The deadline is no later one, or the reason cannot be kept.
-        Conflict: The rest of the split, or a hidden freeze, is revealed already; what came in time would
-            become late; the team is gone; the phase is hidden, and the team would learn of it.
+        InvalidRecord: The deadline is not later than the phase's, or the reason cannot be stored.
+        Conflict: Kept-back scores were revealed already; submissions in time would become late; the
+            team is gone; or the phase is hidden, and the team does not know of it.
     """
     phase = lock_phase(session, phase_id)
     team = find_team(session, slug, lock=True)
@@ -110,10 +110,10 @@ def set_allowance(
 
 
 def _require_in_time(session: Session, until: datetime | None, *own: ColumnElement[bool]) -> None:
-    """Refuse a deadline before what a team sent within the one that it has, but for files with faults.
+    """Refuse a deadline before uploads of the team within its present one, except faulty files.
 
     Raises:
-        Conflict: It would become late.
+        Conflict: A submission in time would become late.
     """
     if until is None:
         return
@@ -130,7 +130,7 @@ def _require_in_time(session: Session, until: datetime | None, *own: ColumnEleme
 
 
 def list_allowances(session: Session, team_id: int) -> list[Allowance]:
-    """Return what a team was granted, by phase."""
+    """Return the allowances of a team, by phase."""
     query = select(Allowance).where(Allowance.team_id == team_id)
     return list(session.scalars(query.order_by(Allowance.phase_id)))
 

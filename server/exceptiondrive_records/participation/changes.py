@@ -37,11 +37,11 @@ from exceptiondrive_schemas.printable import counted
 
 MAX_AFFILIATION = 200
 _GIVEN_UP = (SubmissionStatus.WITHDRAWN, SubmissionStatus.FAILED)
-"""What a team may send again."""
+"""Statuses after which a team may send the same bytes again."""
 
 
 def approve_team(session: Session, slug: str, *, actor: str) -> Team:
-    """Let a team that registered itself submit, and tell it; approving twice does nothing.
+    """Let a team that registered itself submit, and notify it. Idempotent.
 
     Raises:
         NotFound: There is no such team.
@@ -64,15 +64,15 @@ def change_team(
     name: str | None = None,
     affiliation: str | None = None,
 ) -> Team:
-    """Change the name or the affiliation of a team; what is None stays.
+    """Change the name or the affiliation of a team; None keeps the old value.
 
-    New boards show the new name, earlier ones keep the old one. None is built for that in an archived
-    phase: what else builds one there, such as a disqualification, brings the new name.
+    New boards show the new name, earlier ones keep the old one. Archived phases get no new board
+    for this; one built there for another reason, such as a disqualification, has the new name.
 
     Raises:
         NotFound: No such team.
         InvalidRecord: A text cannot be used.
-        Conflict: Another team has the name, or one that looks like it; or this one is gone.
+        Conflict: Another team has this or a similar-looking name; or this team is gone.
     """
     team = find_team(session, slug, lock=True)
     team.require_there()
@@ -109,22 +109,21 @@ def checked_affiliation(text: str) -> str:
 def merge_teams(
     session: Session, slug: str, into: str, *, reason: str, actor: str
 ) -> tuple[Team, int]:
-    """Make one team of two: submissions, people, addresses and questions of the first become the other's.
+    """Merge a team into another, with its submissions, people, addresses and questions.
 
-    An address of both is told once, and how a submission came out is not told again. The first keeps its
-    id, without a token and without people: what was logged of it stays readable. Both quotas are counted
-    together. A later deadline holds for what the first sent; no allowance becomes the other's. This
-    cannot be taken back.
+    A shared address is kept once, and outcomes of submissions are not notified again. The merged
+    team keeps its id, so that its audit lines stay readable, but no token and no people. Both
+    quotas count together. Its later deadlines hold; no allowance moves. This is irreversible.
 
     Returns:
-        The team that is left, and how many submissions it was given.
+        The remaining team, and the number of submissions that moved to it.
 
     Raises:
         NotFound: No such team.
-        InvalidRecord: The reason cannot be kept.
-        Conflict: They are one, one of them is merged, forgotten or disqualified, waits for approval or
-            is a reference, both submitted the same bytes to one phase, or an entry of one would push
-            out one of the other where entries are final: in a closed or archived phase.
+        InvalidRecord: The reason cannot be stored.
+        Conflict: They are the same team; one of them is merged, forgotten or disqualified, waits
+            for approval or is a reference; both submitted the same bytes to one phase; or an entry
+            of one would displace a final one of the other, in a closed or archived phase.
     """
     ids = sorted({find_team(session, slug).id, find_team(session, into).id})
     if len(ids) == 1:
@@ -184,7 +183,7 @@ def _require_mergeable(session: Session, team: Team, target: Team) -> None:
 
 
 def _require_places(session: Session, of_both: ColumnElement[bool]) -> None:
-    """Refuse where an entry of one team would push out one of the other that nothing brings back."""
+    """Refuse if an entry of one team would irreversibly displace an entry of the other."""
     phases = select(Phase).where(exists().where(Submission.phase_id == Phase.id, of_both))
     now = database_now(session)
     for phase in session.scalars(phases.order_by(Phase.id)):

@@ -38,13 +38,13 @@ def disqualify_team(
     public_note: str | None = None,
     phase_id: str | None = None,
 ) -> Disqualification:
-    """Take a team off the boards of a phase, or of all; it submits nothing until it is reinstated.
+    """Take a team off the boards of one or all phases; it cannot submit until it is reinstated.
 
     Raises:
         NotFound: No such team or phase.
-        InvalidRecord: A text cannot be kept.
-        Conflict: It is disqualified there already, waits for approval, or is part of another one; the
-            phase is hidden, and the team would learn of it.
+        InvalidRecord: A text cannot be stored.
+        Conflict: It is disqualified there already, waits for approval, or was merged; or the phase
+            is hidden, and the team does not know of it.
     """
     team = find_team(session, slug, lock=True)
     if team.pending_since is not None:
@@ -67,8 +67,8 @@ def disqualify_submission(
 
     Raises:
         NotFound: No such submission.
-        InvalidRecord: A text cannot be kept.
-        Conflict: It is disqualified already, or its team became part of another one meanwhile.
+        InvalidRecord: A text cannot be stored.
+        Conflict: It is disqualified already, or its team was merged into another one meanwhile.
     """
     submission = find_submission(session, submission_id)
     team = _locked_team_of(session, submission)
@@ -113,12 +113,12 @@ def _disqualify(
 def reinstate(
     session: Session, disqualification_id: int, *, reason: str, actor: str
 ) -> Disqualification:
-    """End a disqualification: what no other one keeps off the boards stands on the next ones.
+    """End a disqualification: the next boards list the entries again, unless another one applies.
 
     Raises:
         NotFound: There is none.
-        InvalidRecord: The reason cannot be kept.
-        Conflict: It has ended already, or its team became part of another one meanwhile.
+        InvalidRecord: The reason cannot be stored.
+        Conflict: It has ended already, or its team was merged into another one meanwhile.
     """
     row = find_disqualification(session, disqualification_id)
     team = _locked_team_of(session, row)
@@ -132,7 +132,7 @@ def reinstate(
 
 
 def _locked_team_of(session: Session, row: Submission | Disqualification) -> Team:
-    """Lock the team of a row, then the row, and return the team: no other may have got it meanwhile."""
+    """Lock the team of a row, then the row, which must still belong to it; return the team."""
     team = hold_team(session, row.team_id)
     session.refresh(row, with_for_update={"key_share": True})
     if row.team_id != team.id:
@@ -149,7 +149,7 @@ def _publish(
     words: Sequence[str],
     actor: str,
 ) -> None:
-    """Ask for the boards that show it; tell it to the audit log and to the team."""
+    """Request new boards, write the audit line, and notify the team."""
     session.flush()
     want_boards_of_team(session, team.id, row.phase_id)
     detail = {**detail, "disqualification": row.id}
@@ -185,7 +185,7 @@ def find_disqualification(session: Session, disqualification_id: int) -> Disqual
 
 
 def disqualification_of(session: Session, submission_id: str) -> Disqualification | None:
-    """Return what keeps one submission off the boards, beside its team's; None: nothing."""
+    """Return the present disqualification of one submission, ignoring its team's; None if none."""
     lasting = Disqualification.reinstated_at.is_(None)
     query = select(Disqualification).where(Disqualification.submission_id == submission_id, lasting)
     return session.scalars(query).first()
@@ -194,7 +194,7 @@ def disqualification_of(session: Session, submission_id: str) -> Disqualificatio
 def list_disqualifications(
     session: Session, *, team_id: int | None = None
 ) -> list[Disqualification]:
-    """Return disqualifications, newest first, those that ended too."""
+    """Return disqualifications, including ended ones, newest first."""
     query = select(Disqualification).order_by(Disqualification.id.desc())
     if team_id is not None:
         query = query.where(Disqualification.team_id == team_id)
@@ -204,7 +204,7 @@ def list_disqualifications(
 def want_boards_of_team(
     session: Session, team_id: int, phase_id: str | None = None, *, with_archived: bool = True
 ) -> None:
-    """Ask for the boards of a phase, or of every one, where a team submitted."""
+    """Request new boards of a phase, or of all phases, if the team submitted there."""
     query = select(Phase).where(
         exists().where(Submission.phase_id == Phase.id, Submission.team_id == team_id)
     )

@@ -34,16 +34,15 @@ from exceptiondrive_schemas.base import canonical_json
 
 
 def forget_team(session: Session, slug: str, *, reason: str, actor: str) -> Team:
-    """Take everything personal of a team out of the records; its scored entries stay, under an alias.
+    """Delete all personal data of a team; its scored entries stay, under an alias. Irreversible.
 
-    Names, note, affiliation, people that belong to no other team, addresses, what it asked and was
-    told, what it says of its methods: gone, and so is all that of the teams that were merged into it.
-    Its tokens and sessions end. This cannot be taken back.
+    This deletes names, note, affiliation, people without another team, addresses, questions,
+    notices and descriptions of methods, also of merged teams, and ends tokens and sessions.
 
     Raises:
         NotFound: No such team.
-        InvalidRecord: The reason cannot be kept.
-        Conflict: It is a reference team, part of another one, or forgotten already.
+        InvalidRecord: The reason cannot be stored.
+        Conflict: It is a reference team, was merged into another one, or is forgotten already.
     """
     team = find_team(session, slug, lock=True)
     if team.is_reference:
@@ -56,7 +55,7 @@ def forget_team(session: Session, slug: str, *, reason: str, actor: str) -> Team
             f"It was merged into the team {into}, with all that it sent: forget that one."
         )
     all_of_it = [team]
-    for each in all_of_it:  # grows, by the teams that were merged into one that was
+    for each in all_of_it:  # grows in the loop: merged teams may have had others merged into them
         merged = select(Team).where(Team.merged_into_id == each.id).order_by(Team.id)
         all_of_it += session.scalars(merged)
         _forget_words(session, each)
@@ -73,16 +72,15 @@ def forget_team(session: Session, slug: str, *, reason: str, actor: str) -> Team
 
 
 def forget_person(session: Session, person_id: str, *, reason: str, actor: str) -> Person:
-    """Take a person out of their teams and of the records, whose id alone stays.
+    """Delete a person's data and memberships; only their id stays. Irreversible.
 
-    Name, address and what the provider calls them are gone, and so are their sessions. Their teams
-    stay, with what they sent, tokens and addresses. This cannot be taken back; who signs in again
-    is somebody new.
+    Name, address, the provider's identifier and sessions are deleted. Their teams keep submissions,
+    tokens and addresses. If they sign in again, they are a new person.
 
     Raises:
         NotFound: There is no such person, or they are forgotten already.
-        InvalidRecord: The reason cannot be kept.
-        Conflict: They organize.
+        InvalidRecord: The reason cannot be stored.
+        Conflict: They are an organizer.
     """
     person = find_person(session, person_id, lock=True)
     if person.is_organizer:

@@ -17,12 +17,12 @@ from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.teams.teams import create_team
 
 COLUMNS = ("id", "name", "affiliation", "email")
-"""Of the first line; the last two may be left out."""
+"""Columns named in the first line; the last two are optional."""
 MAX_TEAMS = 500
 
 
 class ImportedTeam(NamedTuple):
-    """A team that was made, and its first token, which is shown once."""
+    """A created team, and its first token, which is shown once."""
 
     slug: str
     name: str
@@ -30,17 +30,17 @@ class ImportedTeam(NamedTuple):
 
 
 def import_teams(session: Session, text: str, *, actor: str) -> list[ImportedTeam]:
-    """Make the teams of a table: each with a token, and its address where it has one.
+    """Create the teams of a table, each with a token, and with its address if it has one.
 
-    An address is written to once, and told nothing more until whoever reads there confirms it. The
-    first line of the CSV names the columns; commas, semicolons or tabs separate them. A refusal has
-    to end the transaction, so that no team is left.
+    An address gets one request for confirmation, and nothing more until its reader confirms it. The
+    first line of the CSV names the columns; commas, semicolons or tabs separate them. The caller
+    must roll back after a refusal, so that no team is left.
 
     Raises:
-        InvalidRecord: The table cannot be read, or lines of it are refused: each is named.
+        InvalidRecord: The table cannot be read, or lines are refused: each is named.
     """
     made, faults = list[ImportedTeam](), list[tuple[int, str]]()
-    lines: dict[str, int] = {}  # by ids, and by names as an eye reads them
+    lines: dict[str, int] = {}  # by id, and by skeleton of the name
     rows = named_rows(text, most=MAX_TEAMS)
     if not {"id", "name"} <= rows[0][1].keys() <= set(COLUMNS):
         raise InvalidRecord(
@@ -50,7 +50,7 @@ def import_teams(session: Session, text: str, *, actor: str) -> list[ImportedTea
         try:
             with session.begin_nested():
                 team = _make_team(session, values, actor)
-        except Conflict as refusal:  # id and name can be used, so they are short
+        except Conflict as refusal:  # id and name are valid, so they are short
             earlier = lines.get(values["id"]) or lines.get(_name_key(values["name"]))
             why = f"It has the id or the name of line {earlier}." if earlier else str(refusal)
             faults.append((number, why))
@@ -65,12 +65,12 @@ def import_teams(session: Session, text: str, *, actor: str) -> list[ImportedTea
 
 
 def _name_key(name: str) -> str:
-    """A name as an eye reads it, told apart from an id."""
+    """Return the skeleton of a name as a key that differs from all ids."""
     return f"name {skeleton(name)}"
 
 
 def tokens_table(made: list[ImportedTeam]) -> str:
-    """Return the tokens of new teams as CSV, to be handed over and kept nowhere."""
+    """Return the tokens of new teams as CSV, to be handed over and not stored."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(("id", "token"))
@@ -88,11 +88,11 @@ def make_team(
     is_reference: bool = False,
     actor: str,
 ) -> Team:
-    """Make a team with what organizers know of it.
+    """Create a team with the data that organizers have.
 
-    The affiliation is for organizers alone. Notices go to the e-mail address once whoever reads
-    there confirms it. Entries of a reference team are shown and never ranked. A refusal has to end
-    the transaction.
+    Only organizers see the affiliation. Notices go to the e-mail address after its reader confirms
+    it. Entries of a reference team are shown and never ranked. The caller must roll back after a
+    refusal.
 
     Raises:
         InvalidRecord: One of the texts cannot be used.

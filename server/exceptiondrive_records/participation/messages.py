@@ -1,4 +1,4 @@
-"""Messages from organizers to teams: to the inbox and every confirmed address of each team."""
+"""Send messages from organizers to the inbox and every confirmed address of each team."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -20,7 +20,7 @@ MAX_TITLE, MAX_TEXT = 150, 4000
 
 
 class Recipient(NamedTuple):
-    """A team that is told, and at how many addresses besides its inbox: never which ones."""
+    """A team that gets a message, with the number of its addresses, but never the addresses."""
 
     team: str
     """Its id."""
@@ -32,14 +32,14 @@ class Recipient(NamedTuple):
 def recipients(
     session: Session, teams: Sequence[str] = (), phase: str | None = None
 ) -> list[Recipient]:
-    """Return whom a message would reach, by id.
+    """Return the recipients of a message, by id.
 
-    Without ids of teams: all that are approved, without reference teams and those gone; with that of
-    a phase, those of them that submitted to it.
+    Without `teams` these are all approved teams except reference teams and those that are gone;
+    with `phase`, only those that submitted to it.
 
     Raises:
         NotFound: No such team.
-        Conflict: One of these teams was forgotten, or is part of another one.
+        Conflict: One of these teams was forgotten, or merged into another one.
     """
     counts = _addresses(session)
     return [
@@ -65,17 +65,17 @@ def send_message(
 ) -> list[Recipient]:
     """Write to teams; each paragraph of the text is one sentence of the notice.
 
-    The same words reach a team once: sent by two organizers, or twice by one, the second is
-    refused. Blank lines part paragraphs. Teams and phase are as for `recipients`;
-    `address` is where there is more.
+    The same text reaches a team once: a repetition, also by another organizer, is refused. Blank
+    lines separate paragraphs. Teams and phase are as for `recipients`; `address` is the path of a
+    page with more.
 
     Returns:
-        Whom it reaches.
+        The recipients.
 
     Raises:
         NotFound: No such team.
         InvalidRecord: A text cannot be used, or there is nobody to write to.
-        Conflict: One of the teams has this very message, was forgotten, or is part of another one.
+        Conflict: One of the teams has the same message already, was forgotten, or was merged.
     """
     title, paragraphs = checked_message(title, text)
     found = _teams(session, teams, phase)
@@ -102,15 +102,15 @@ def send_message(
 
 
 def write_about(session: Session, submission_id: str, *, words: str, actor: str) -> Notification:
-    """Write to a team about one of its submissions; the notice leads to it.
+    """Write to a team about one of its submissions; the notice links to it.
 
-    Blank lines of the words part paragraphs.
+    Blank lines in `words` separate paragraphs.
 
     Raises:
         NotFound: No such submission.
         InvalidRecord: The words cannot be used.
-        Conflict: The team has this very message about it, was forgotten, or became part of another one
-            meanwhile.
+        Conflict: The team has the same message about it already, was forgotten, or was merged into
+            another one meanwhile.
     """
     submission = find_submission(session, submission_id)
     title, paragraphs = checked_message(f"The organizers wrote about {submission.method}", words)
@@ -125,9 +125,9 @@ def write_about(session: Session, submission_id: str, *, words: str, actor: str)
 def _digest_of_new(
     session: Session, teams: Sequence[Team], words: Sequence[str], refusal: str
 ) -> str:
-    """Return what stands for a message, and hold the teams; one that any of them has is refused.
+    """Lock the teams, and return the digest of a message that none of them has yet; else refuse.
 
-    So it is where nobody reads for one of them any more.
+    It also refuses if one of the teams is gone.
     """
     digest = bytes_digest("\n\n".join(words).encode())
     ids = [team.id for team in teams]
@@ -145,7 +145,7 @@ def _digest_of_new(
 
 
 def checked_message(title: str, text: str) -> tuple[str, tuple[str, ...]]:
-    """Return title and paragraphs of a message as it would be told.
+    """Return title and paragraphs of a message as it would be sent.
 
     Raises:
         InvalidRecord: One of them is empty, too long, or cannot be shown.
@@ -163,7 +163,7 @@ def _teams(session: Session, slugs: Sequence[str], phase_id: str | None) -> list
 
 
 def _require_reader(session: Session, team: Team) -> Team:
-    """Return a team that somebody reads for."""
+    """Return a team; refuse a merged or forgotten one, whose notices nobody reads."""
     if team.merged_into_id is not None:
         into = session.get_one(Team, team.merged_into_id).slug
         raise Conflict(f"The team {team.slug} is part of {into}: write to that one.")

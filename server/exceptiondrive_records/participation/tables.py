@@ -9,31 +9,31 @@ from exceptiondrive_records.db.base import Base
 
 
 class Disqualification(Base):
-    """A team, or one of its submissions, that stands on no board until it is reinstated."""
+    """The exclusion of a team, or of one of its submissions, from boards until it is reinstated."""
 
     __tablename__ = "disqualifications"
     id: Mapped[int] = mapped_column(primary_key=True)
     team_id: Mapped[int] = mapped_column(ForeignKey("teams.id"), index=True)
     phase_id: Mapped[str | None] = mapped_column(ForeignKey("phases.id"))
-    """Where; None: in every phase."""
+    """The phase; None for every phase."""
     submission_id: Mapped[str | None] = mapped_column(ForeignKey("submissions.id"))
-    """None: everything of the team."""
+    """The submission; None for everything of the team."""
     reason: Mapped[str] = mapped_column(Text)
-    """Told to the team, and kept in the audit log."""
+    """Shown to the team, and kept in the audit log."""
     public_note: Mapped[str | None] = mapped_column(Text)
-    """What readers of the board are told; None: nothing."""
+    """The note shown to readers of the board; None if there is none."""
     disqualified_at: Mapped[datetime]
     reinstated_at: Mapped[datetime | None]
 
 
 class Allowance(Base):
-    """What one team is granted in a phase instead of what the phase gives to all."""
+    """Limits of one team in a phase, which replace those of the phase."""
 
     __tablename__ = "allowances"
     team_id: Mapped[int] = mapped_column(ForeignKey("teams.id"), primary_key=True)
     phase_id: Mapped[str] = mapped_column(ForeignKey("phases.id"), primary_key=True)
     closes_at: Mapped[datetime | None]
-    """A later deadline; None: that of the phase."""
+    """A later deadline; None for that of the phase."""
     quota_per_day: Mapped[int | None]
     quota_total: Mapped[int | None]
     reason: Mapped[str] = mapped_column(Text)
@@ -41,7 +41,7 @@ class Allowance(Base):
 
 
 class TermsAcceptance(Base):
-    """That a team accepted one version of the terms of a phase."""
+    """The acceptance of one version of the terms of a phase by a team."""
 
     __tablename__ = "terms_acceptances"
     team_id: Mapped[int] = mapped_column(ForeignKey("teams.id"), primary_key=True)

@@ -18,16 +18,16 @@ _ALLOWANCE = select(Allowance).where(
 
 
 def allowance_of(session: Session, team_id: int, phase_id: str) -> Allowance | None:
-    """Return what a team was granted in a phase."""
+    """Return the allowance of a team in a phase, if any."""
     return session.scalars(_ALLOWANCE, {"team": team_id, "phase": phase_id}).first()
 
 
 def is_open_to(
     session: Session, phase: Phase, own_closes_at: datetime | None, now: datetime
 ) -> bool:
-    """Whether a phase takes submissions of a team that may have been granted a later deadline of its own.
+    """Whether a phase takes submissions of a team, which may have a later deadline of its own.
 
-    A later deadline ends with the reveal of what was kept back: whoever knows it would answer it.
+    A later deadline ends when kept-back scores are revealed, so that nobody can react to them.
     """
     return is_open(phase, now) or (
         is_open(phase, now, own_closes_at) and not is_revealed(session, phase)
@@ -35,12 +35,12 @@ def is_open_to(
 
 
 def is_revealed(session: Session, phase: Phase) -> bool:
-    """Whether scores that had been kept back were shown since the deadline of all."""
+    """Whether kept-back scores were shown since the phase's deadline."""
     return phase.closes_at is not None and has_revealed(session, phase, phase.closes_at)
 
 
 def running_deadlines(session: Session, phase: Phase) -> list[tuple[Team, datetime]]:
-    """Return which teams have a later deadline that still runs, and that a reveal of scores would end."""
+    """Return teams with a later deadline that still runs, and that a reveal of scores would end."""
     if is_revealed(session, phase):
         return []
     query = (
@@ -59,7 +59,7 @@ def running_deadlines(session: Session, phase: Phase) -> list[tuple[Team, dateti
 
 
 def ended_by_reveal(session: Session, phase: Phase) -> tuple[str, ...]:
-    """Say what a reveal of scores would end for good; nothing where one was."""
+    """Say what a reveal of scores would end permanently; nothing if it has happened."""
     if is_revealed(session, phase):
         return ()
     private = ", and no entry is published or made private" if phase.policy.entries_private else ""
@@ -73,7 +73,7 @@ def ended_by_reveal(session: Session, phase: Phase) -> tuple[str, ...]:
 
 
 def end_own_deadlines(session: Session, phase: Phase, now: datetime) -> None:
-    """Let later deadlines end with a reveal, so that nobody chooses by what is shown."""
+    """End later deadlines at a reveal, so that nobody chooses by what is shown."""
     if has_closed(phase, now) and is_revealed(session, phase):
         longer = Submission.granted_until > now
         own = update(Submission).where(Submission.phase_id == phase.id, longer)

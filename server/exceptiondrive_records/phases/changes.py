@@ -48,12 +48,12 @@ _REVEALED = {**_FINAL, "revealed_part": "which samples count after the reveal"}
 
 
 def update_phase(session: Session, phase_id: str, change: PhaseChange, *, actor: str) -> Phase:
-    """Change settings of a phase: those that were set in `change`, and no others.
+    """Change those settings of a phase that are set in `change`; keep the others.
 
     Raises:
         NotFound: No such phase.
         InvalidRecord: A value cannot be used, or it contradicts another.
-        Conflict: It would take back what teams or readers were shown or promised.
+        Conflict: It would revoke something shown or promised to teams or readers.
     """
     phase = lock_phase(session, phase_id)
     now = database_now(session)
@@ -90,11 +90,11 @@ def update_phase(session: Session, phase_id: str, change: PhaseChange, *, actor:
 
 
 def feature_phase(session: Session, phase_id: str, *, reason: str, actor: str) -> Phase:
-    """Put a phase before all others: in lists, and on the front page.
+    """Put a phase first: in lists, and on the front page.
 
     Raises:
         NotFound: No such phase.
-        Conflict: It is not shown, or it stands there already.
+        Conflict: It is not shown, or it is first already.
     """
     locked = select(Phase).order_by(Phase.id).with_for_update(key_share=True)
     phases = session.scalars(locked.execution_options(populate_existing=True)).all()
@@ -112,9 +112,9 @@ def feature_phase(session: Session, phase_id: str, *, reason: str, actor: str) -
 
 
 def delete_phase(session: Session, phase_id: str, *, reason: str, actor: str) -> None:
-    """Delete a phase that was never used, with the boards without submissions that it has.
+    """Delete a phase that was never used, with its boards, which list no submissions.
 
-    The database itself keeps a phase that a submission or a rescoring run refers to.
+    Foreign keys of the database protect a phase that a submission or rescoring run refers to.
 
     Raises:
         NotFound: No such phase.
@@ -149,9 +149,9 @@ def freeze_phase(session: Session, phase_id: str, *, reason: str, actor: str) ->
 
 
 def reveal_names(session: Session, phase_id: str, *, reason: str, actor: str) -> Phase:
-    """Show the names of teams and methods from the next board on; this cannot be taken back.
+    """Show the names of teams and methods from the next board on. Irreversible.
 
-    Boards that were public before keep their pseudonyms for ever.
+    Boards that were public before keep their pseudonyms forever.
 
     Raises:
         NotFound: No such phase.
@@ -220,7 +220,7 @@ def _has_submissions(session: Session, phase: Phase) -> bool:
 
 
 def _require_no_scores(session: Session, phase: Phase) -> None:
-    """Refuse to hide families that an entry has shown, to its team at least, whatever became of it.
+    """Refuse to hide families after any submission was scored: at least its team has seen them.
 
     Raises:
         Conflict: One was scored.
@@ -231,7 +231,7 @@ def _require_no_scores(session: Session, phase: Phase) -> None:
 
 
 def _document(phase: Phase) -> dict[str, Any]:
-    """Return every setting by its name."""
+    """Return all settings by name."""
     document: dict[str, Any] = PhaseSettings.model_construct(**settings_of(phase)).model_dump(
         mode="json"
     )
@@ -239,5 +239,5 @@ def _document(phase: Phase) -> dict[str, Any]:
 
 
 def _given_fields(part: Document) -> dict[str, Any]:
-    """Return what was set in a part of a change."""
+    """Return the fields that are set in a part of a change."""
     return {name: getattr(part, name) for name in part.model_fields_set}

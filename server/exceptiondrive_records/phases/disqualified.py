@@ -25,7 +25,7 @@ _IS_OF_SUBMISSION = and_(
     Disqualification.phase_id.is_(None) | (Disqualification.phase_id == Submission.phase_id),
     Disqualification.submission_id.is_(None) | (Disqualification.submission_id == Submission.id),
 )
-"""It, or its team in the phase, is disqualified."""
+"""Join condition: the submission, or its team in the phase, is disqualified."""
 _SINCE = (
     select(Submission.id, func.min(Disqualification.disqualified_at))
     .join(Disqualification, _IS_OF_SUBMISSION)
@@ -58,18 +58,18 @@ _OF_UPLOAD = (
     .order_by(Disqualification.submission_id.is_not(None), Disqualification.id)
     .limit(1)
 )
-"""The whole team first, then these bytes of it."""
+"""The disqualification of the whole team first, then that of these bytes."""
 
 
 def disqualified_ids(session: Session, phase_id: str) -> frozenset[str]:
-    """Return the submissions to a phase that stand on no board of it from now on."""
+    """Return the submissions to a phase that no new board lists, as they are disqualified."""
     is_out = exists().where(_IS_OF_SUBMISSION)
     query = select(Submission.id).where(Submission.phase_id == phase_id, is_out)
     return frozenset(session.scalars(query))
 
 
 def is_one_taken_back(session: Session, phase: Phase, submission_ids: set[str]) -> bool:
-    """Whether one of them is withdrawn, private or disqualified by now: readers are to see no new board with it."""
+    """Whether one is withdrawn, private or disqualified now, so that no new board may list it."""
     is_out = exists().where(_IS_OF_SUBMISSION) | (Submission.status == SubmissionStatus.WITHDRAWN)
     if phase.policy.entries_private:
         is_out |= Submission.published_at.is_(None)
@@ -78,7 +78,7 @@ def is_one_taken_back(session: Session, phase: Phase, submission_ids: set[str]) 
 
 
 def disqualified_since(session: Session, submissions: Sequence[Submission]) -> dict[str, datetime]:
-    """Return since when submissions stand on no board, by their ids; left out are those that may stand."""
+    """Return since when submissions are disqualified, by id; others are left out."""
     found = session.execute(_SINCE, {"submissions": [each.id for each in submissions]})
     return {submission_id: since for submission_id, since in found}
 
@@ -108,22 +108,22 @@ def require_not_disqualified(
 
 
 def team_disqualified_since(session: Session, team_id: int, phase: Phase) -> datetime | None:
-    """Return since when no upload of a team is taken in a phase; None: its uploads are."""
+    """Return since when a phase refuses uploads of a team, as it is disqualified; None if not."""
     found = session.scalars(_OF_TEAM, {"team": team_id, "phase": phase.id}).first()
     return None if found is None else found.disqualified_at
 
 
 def disqualification_notes(session: Session, phase: Phase) -> tuple[DisqualificationNote, ...]:
-    """Return what readers are told of disqualifications in a phase, newest first.
+    """Return the public notes on disqualifications in a phase, newest first.
 
-    Under the names that its board shows. Under pseudonyms a note on all phases
-    is left out, since others show it under the name; the day alone is told, which joins no two notes.
+    They have the names that its board shows. If these are pseudonyms, notes on all phases are left
+    out, as others show them under the name. Only the day is given, so that times link no two notes.
     """
     return tuple(note for _, note in _with_public_note(session, phase))
 
 
 def notes_by_submission(session: Session, phase: Phase) -> dict[str, DisqualificationNote]:
-    """Return the newest such note on each submission to a phase, be it on its whole team."""
+    """Return the newest such note on each submission to a phase, or on its whole team."""
     noted = _with_public_note(session, phase)
     teams = {row.team_id for row, _ in noted}
     query = select(Submission.id, Submission.team_id)
@@ -142,7 +142,7 @@ def _with_public_note(
 ) -> list[tuple[Disqualification, DisqualificationNote]]:
     is_masked = shows_pseudonyms(session, phase)
     here = Disqualification.phase_id == phase.id
-    other = aliased(Submission)  # than the one that the note is about
+    other = aliased(Submission)  # any submission of the team to the phase
     query = (
         select(Disqualification, Team, Submission.method)
         .join(Team, Team.id == Disqualification.team_id)

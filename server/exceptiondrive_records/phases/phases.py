@@ -34,14 +34,14 @@ from exceptiondrive_schemas.api.phase_settings import (
 from exceptiondrive_schemas.api.submission import PhaseView
 from exceptiondrive_schemas.challenges import PLANNING
 
-# Which settings of a phase fit together.
+# Validation of the settings of a phase.
 
 
 def check_phase(phase: Phase, *, is_freeze_new: bool = True) -> None:
-    """Refuse an id or text that cannot be used, and settings that contradict each other, all at once.
+    """Refuse an invalid id or text, and contradicting settings, and report all contradictions.
 
     Args:
-        phase: With its new settings.
+        phase: The phase with its new settings.
         is_freeze_new: Whether `freezes_at` or `closes_at` is being set now; the action freeze may
             have set it after the deadline.
 
@@ -74,7 +74,7 @@ def check_phase(phase: Phase, *, is_freeze_new: bool = True) -> None:
 
 
 def _check_texts(phase: Phase) -> None:
-    """Keep the texts without blanks around them, and refuse what cannot be shown."""
+    """Strip the texts, and refuse those that cannot be shown."""
     page = {}
     for field in fields_of(PhaseSettings):
         if field.kind in ("text", "lines"):
@@ -96,9 +96,9 @@ def _check_texts(phase: Phase) -> None:
 
 
 def create_phase(session: Session, new: NewPhase, *, actor: str) -> Phase:
-    """Create a phase, and ask for its first, empty board.
+    """Create a phase, and request its first, empty board.
 
-    Where nothing is said, a phase on a withheld split has what docs/leakage.md advises.
+    Settings of a phase on a withheld split default to the advice of docs/leakage.md.
 
     Raises:
         InvalidRecord: A text cannot be used, or two settings contradict each other.
@@ -153,16 +153,16 @@ def find_phase(session: Session, phase_id: str) -> Phase:
 
 
 def titles_of_phases(session: Session) -> dict[str, str]:
-    """Return what each phase is called, by id."""
+    """Return the titles of phases, by id."""
     return {one.id: one.title for one in list_phases(session, with_hidden=True)}
 
 
 def lock_phase(session: Session, phase_id: str) -> Phase:
-    """Return a phase whose row is locked.
+    """Lock the row of a phase, and return it.
 
-    Whoever needs the row of a board request too locks that one later: else two could wait for each
-    other. Rows that refer to the phase may be written meanwhile (`FOR NO KEY UPDATE`): an upload, a
-    score and its request for a board wait for nobody here.
+    Transactions that also lock a board request must lock it after the phase, to avoid deadlocks.
+    Others may still write rows that refer to the phase (`FOR NO KEY UPDATE`): uploads, scores and
+    their board requests do not wait.
 
     Raises:
         NotFound: There is none.
@@ -173,7 +173,7 @@ def lock_phase(session: Session, phase_id: str) -> Phase:
 def shown_phase(session: Session, phase_id: str, *, with_hidden: bool = False) -> Phase:
     """Return a phase that readers may see.
 
-    Hidden ones, too, where an organizer asks.
+    `with_hidden`, for organizers, allows hidden ones.
 
     Raises:
         NotFound: There is none, or it is hidden; the words are the same.
@@ -185,10 +185,10 @@ def shown_phase(session: Session, phase_id: str, *, with_hidden: bool = False) -
 
 
 def require_known_to(session: Session, team_id: int, phase: Phase) -> None:
-    """Refuse what would tell a team of a hidden phase that it never heard of.
+    """Refuse an action that would reveal a hidden phase to a team that does not know of it.
 
     Raises:
-        Conflict: The phase is hidden, and the team sent nothing to it.
+        Conflict: The phase is hidden, and the team submitted nothing to it.
     """
     sent = exists().where(Submission.phase_id == phase.id, Submission.team_id == team_id)
     if phase.visibility == "hidden" and not session.scalar(select(sent)):
@@ -201,10 +201,10 @@ def require_known_to(session: Session, team_id: int, phase: Phase) -> None:
 def list_phases(
     session: Session, challenge: str | None = None, *, with_hidden: bool = False
 ) -> list[Phase]:
-    """Return the phases that readers may see, by position, then in the order of their making.
+    """Return the phases that readers may see, by position, then in order of creation.
 
-    Archived ones come last. Hidden ones, too, where an organizer asks, or a team for what it
-    submitted.
+    Archived ones come last. `with_hidden`, for organizers, and for teams about their own
+    submissions, adds hidden ones.
     """
     query = select(Phase).order_by(
         Phase.visibility == "archived",
@@ -257,7 +257,7 @@ def phase_view(
 
 
 def not_checked(challenge: str, whole: SplitRow) -> tuple[str, ...]:
-    """Say what nobody checks of a file of this challenge on a split, for who sends one."""
+    """Return warnings about what is not checked in files of this challenge on a split."""
     if challenge != PLANNING.id or not whole.lacks_drives:
         return ()
     words = (
@@ -269,12 +269,12 @@ def not_checked(challenge: str, whole: SplitRow) -> tuple[str, ...]:
 
 
 def settings_of(phase: Phase) -> dict[str, Any]:
-    """Return the settings of a phase as they stand, by name."""
+    """Return the present settings of a phase, by name."""
     return {name: getattr(phase, name) for name in PhaseSettings.model_fields}
 
 
 def deciding_settings(phase: Phase) -> dict[str, Any]:
-    """Return what decides which entries stand, as the audit log has it: dates and policy, by name."""
+    """Return the settings that decide which entries count (dates and policy), as audit lines do."""
     dates = PhaseChange.model_construct(opens_at=phase.opens_at, closes_at=phase.closes_at)
     told = dates.model_dump(mode="json", include={"opens_at", "closes_at"})
     return {**told, **phase.policy.model_dump(mode="json")}

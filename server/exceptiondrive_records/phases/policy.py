@@ -20,12 +20,12 @@ from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.score_sheet import REMINDER, ScoreSheet
 
 _LETTERS = "23456789ABCDEFGHJKMNPQRSTUVWXYZ"
-"""No two that look alike."""
+"""Letters and digits of which no two look alike."""
 _PSEUDONYM = re.compile(f"Team [{_LETTERS}]{{3}}-[{_LETTERS}]{{3}}")
 
 
 def frozen_since(phase: Phase, now: datetime) -> datetime | None:
-    """Return when the public board froze; None while it moves."""
+    """Return when the public board was frozen; None while it is not."""
     freezes_at = phase.policy.freezes_at
     if freezes_at is None or now < freezes_at:
         return None
@@ -35,13 +35,13 @@ def frozen_since(phase: Phase, now: datetime) -> datetime | None:
 
 
 def families_shown_from(policy: PhasePolicy, now: datetime) -> datetime | None:
-    """Return from when families and tasks are shown; None when they are shown already."""
+    """Return from when families and tasks are shown; None if they are shown already."""
     shown_from = policy.families_from
     return shown_from if shown_from is not None and now < shown_from else None
 
 
 def is_anonymous(phase: Phase) -> bool:
-    """Whether teams and methods stand under pseudonyms."""
+    """Whether teams and methods are shown under pseudonyms."""
     return phase.policy.anonymous and phase.names_revealed_at is None
 
 
@@ -56,7 +56,7 @@ def shows_pseudonyms(session: Session, phase: Phase) -> bool:
 def is_open(phase: Phase, now: datetime, own_closes_at: datetime | None = None) -> bool:
     """Whether a shown phase takes submissions: from `opens_at` until just before `closes_at`.
 
-    For a team with a later deadline of its own, until just before that.
+    For a team with a later deadline, until just before `own_closes_at`.
     """
     closes_at = own_closes_at or phase.closes_at
     has_opened = phase.opens_at is None or phase.opens_at <= now
@@ -64,7 +64,7 @@ def is_open(phase: Phase, now: datetime, own_closes_at: datetime | None = None) 
 
 
 def scored_while_open(session: Session, split_name: str) -> list[str]:
-    """Return the ids of the phases on a split that take submissions now and have scored some."""
+    """Return the ids of open phases on a split that have scored submissions."""
     is_scored = (
         select(Submission.id)
         .where(Submission.phase_id == Phase.id, Submission.status == SubmissionStatus.SCORED)
@@ -83,7 +83,7 @@ def has_closed(phase: Phase, moment: datetime) -> bool:
 def takes_late_entries(session: Session, phase: Phase, moment: datetime) -> bool:
     """Whether a submission at this moment is accepted for the late view.
 
-    None is after the split is revealed: late files could probe the private part without end.
+    None is accepted after the split is revealed: late files could probe the private part endlessly.
     """
     is_wanted = has_closed(phase, moment) and phase.policy.late_entries == "own_view"
     is_wanted = is_wanted and phase.visibility == "shown"
@@ -91,13 +91,13 @@ def takes_late_entries(session: Session, phase: Phase, moment: datetime) -> bool
 
 
 def is_split_revealed(session: Session, phase: Phase) -> bool:
-    """Whether the phase began with the public part of its split and shows another one now."""
+    """Whether the phase started with the public part of its split, and shows another one now."""
     split = session.get_one(SplitRow, (phase.split_name, phase.split_revision))
     return phase.policy.live_part == "public" and split.counts_private
 
 
 def was_split_revealed(session: Session, phase: Phase) -> bool:
-    """Whether a board of more than the public part was ever shown, which no rollback undoes."""
+    """Whether a board beyond the public part was ever shown; a rollback does not undo that."""
     if phase.policy.live_part != "public":
         return False
     shown = (
@@ -114,7 +114,7 @@ def was_split_revealed(session: Session, phase: Phase) -> bool:
 
 
 def is_published(phase: Phase, submission: Submission) -> bool:
-    """Whether an entry is public: where a phase keeps entries private, its team has said so."""
+    """Whether an entry is public: if the phase keeps entries private, its team has published it."""
     return not phase.policy.entries_private or submission.published_at is not None
 
 
@@ -127,32 +127,32 @@ def can_publish(session: Session, phase: Phase) -> bool:
 
 
 def has_revealed(session: Session, phase: Phase, since: datetime) -> bool:
-    """Whether scores that had been kept back were shown at or after a moment; a split at any time."""
+    """Whether kept-back scores were shown at or after `since`, or the split was ever revealed."""
     unfrozen_at = phase.unfrozen_at if phase.policy.frozen_scores == "hidden" else None
     is_since = unfrozen_at is not None and unfrozen_at >= since
     return is_since or was_split_revealed(session, phase)
 
 
 def is_late(phase: Phase, submission: Submission) -> bool:
-    """Whether a submission came after the deadline, judged by its first byte."""
+    """Whether a submission came after its deadline, judged by its first byte."""
     deadline = deadline_of(phase, submission)
     return deadline is not None and (submission.arrived_at or submission.received_at) >= deadline
 
 
 def deadline_of(phase: Phase, submission: Submission) -> datetime | None:
-    """Return until when a submission is in time: the phase's deadline, or its team's later one."""
+    """Return the deadline of a submission: the phase's, or its team's later one."""
     return own_deadline(phase, submission.granted_until) or phase.closes_at
 
 
 def own_deadline(phase: Phase, granted_until: datetime | None) -> datetime | None:
-    """Return a deadline that a team was granted; None unless it lies after that of the phase."""
+    """Return the deadline granted to a team; None unless it is later than that of the phase."""
     if granted_until is None or phase.closes_at is None or granted_until <= phase.closes_at:
         return None
     return granted_until
 
 
 def can_change(phase: Phase, submission: Submission, now: datetime) -> bool:
-    """Whether its deadline is still to come, so that its team may choose what stands."""
+    """Whether its deadline has not passed, so that its team may choose which entry counts."""
     deadline = deadline_of(phase, submission)
     return deadline is None or now < deadline
 
@@ -179,15 +179,15 @@ def new_salt() -> str:
 def pseudonym_of_team(phase: Phase, team_id: int) -> str:
     """Return the name of a team while a phase is anonymous, such as `Team 7KQ-2MF`.
 
-    It depends on the random salt of the phase alone: without it, neither name nor order of
-    registration tells it, and another phase gives another one.
+    It is keyed by the random salt of the phase: without that, it cannot be derived from name or
+    order of registration, and it differs between phases.
     """
     letters = _keyed_letters(phase, f"team:{team_id}", 6)
     return f"Team {letters[:3]}-{letters[3:]}"
 
 
 def is_pseudonym(name: str) -> bool:
-    """Whether a team has this name in an anonymous phase: no team may call itself so."""
+    """Whether a name has the form of a pseudonym, which no team may take."""
     return _PSEUDONYM.fullmatch(name) is not None
 
 
@@ -207,11 +207,11 @@ def _keyed_letters(phase: Phase, text: str, length: int) -> str:
     return "".join(letters)
 
 
-# What of a board or a sheet may be shown now: families and tasks wait for their date.
+# The parts of a board or sheet that may be shown now: families and tasks wait for their date.
 
 
 def shown_board(phase: Phase, board: Board, now: datetime) -> Board:
-    """Return a board as it may be published now; without families before their date."""
+    """Return a board as it may be published now, without families before their date."""
     if families_shown_from(phase.policy, now) is None:
         return board
     return board.model_copy(
@@ -226,7 +226,7 @@ def shown_board(phase: Phase, board: Board, now: datetime) -> Board:
 
 
 def shown_sheet(phase: Phase, row: ScoreSheetRow, now: datetime) -> ScoreSheet:
-    """Return a sheet as anybody may see it now; without families and tasks before their date."""
+    """Return a sheet as anybody may see it now, without families and tasks before their date."""
     if families_shown_from(phase.policy, now) is None:
         return row.sheet
     return without_breakdown(row.sheet)
@@ -235,9 +235,9 @@ def shown_sheet(phase: Phase, row: ScoreSheetRow, now: datetime) -> ScoreSheet:
 def without_breakdown(sheet: ScoreSheet) -> ScoreSheet:
     """Return only the totals of a sheet: nothing that is computed over a subset of samples.
 
-    A further row with an `n` is counted so too: the answers to samples with one acceptable set tell
-    which set each sample has, as a task would, and reminder records about one sample its task. Of
-    these their number stays, as coverage does.
+    Further rows with an `n` cover a subset, too: a row over samples with one acceptable set would
+    reveal the set of each sample, as a task would; reminder records about one sample, its task.
+    Only the number of reminder records stays, as does coverage.
     """
     extra = {name: row for name, row in sheet.extra.items() if "n" not in row}
     if sheet.has_reminders:
@@ -246,7 +246,7 @@ def without_breakdown(sheet: ScoreSheet) -> ScoreSheet:
 
 
 def score_kept_back_since(phase: Phase, submission: Submission, now: datetime) -> datetime | None:
-    """Return since when the team is not shown this score; None while it is shown."""
+    """Return since when this score is kept back from the team; None while it is shown."""
     since = frozen_since(phase, now)
     if since is None or phase.policy.frozen_scores == "shown" or submission.received_at < since:
         return None

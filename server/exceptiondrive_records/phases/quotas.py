@@ -1,4 +1,4 @@
-"""What a team may still submit, per UTC day and in total; submissions without a score are capped."""
+"""Quotas of submissions per team, per UTC day and in total, and a cap on those without a score."""
 
 from datetime import datetime
 from functools import cache
@@ -21,13 +21,13 @@ from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_schemas.api.submission import WAITING, Quota, SubmissionStatus
 
 COSTS_NOTHING = (SubmissionStatus.REJECTED, SubmissionStatus.FAILED)
-"""A wrong file costs no quota, nor does our own failure: both count among the files of a day that may
-bring no score. A withdrawn submission costs, unless another one counts in its place, as its team
-confirmed."""
+"""Rejected files and our own failures cost no quota; they count towards the daily cap on files
+without a score. A withdrawn submission costs quota, unless its team confirmed another one that
+counts in its place."""
 
 
 def quota_of(session: Session, team_id: int, phase: Phase, day: datetime | None = None) -> Quota:
-    """Return what the team has used and may still use today, or of the day of another moment."""
+    """Return what the team has used and may still use today, or on the day of another moment."""
     at = database_now(session) if day is None else day
     midnight, next_midnight = start_of_day(at), next_day(at)
     given = {"team": team_id, "phase": phase.id, "from": midnight, "to": next_midnight}
@@ -54,7 +54,7 @@ def quota_of(session: Session, team_id: int, phase: Phase, day: datetime | None 
 
 @cache
 def _used_and_granted() -> Select[Any]:
-    """What a team has used of a phase, and what of it was granted to the team alone, if anything was."""
+    """Build the query for a team's use of its quotas in a phase, and for its allowance there."""
     is_asked_about = Submission.confirmed_as.is_not(None)
     is_counted = ~is_one_of(Submission.status, COSTS_NOTHING) & ~is_asked_about
     is_rejected = is_one_of(Submission.status, COSTS_NOTHING) | is_asked_about
@@ -76,9 +76,9 @@ def _used_and_granted() -> Select[Any]:
 
 
 def require_quota(quota: Quota, *, is_sound: bool) -> None:
-    """Refuse a submission beyond the quota; when one is accepted, the quota was read under the team's lock.
+    """Refuse a submission beyond the quota, which `accept` reads under the team's lock.
 
-    A sound file will not be rejected.
+    `is_sound`: the file is known to be valid, so will not be rejected.
 
     Raises:
         QuotaExceeded: The day's or the total quota is used up.
@@ -99,7 +99,7 @@ def require_quota(quota: Quota, *, is_sound: bool) -> None:
 
 
 def require_room_if_all_are_wrong(quota: Quota) -> None:
-    """Let no more wait than may turn out to be wrong today, or the cap would not hold.
+    """Let no more submissions wait than may be rejected today: otherwise the cap could be exceeded.
 
     Raises:
         ConcurrentQuotaExceeded: So many wait already.

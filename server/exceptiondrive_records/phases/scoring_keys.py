@@ -17,13 +17,13 @@ from exceptiondrive_schemas.api.rescoring import RunKind, RunState
 from exceptiondrive_schemas.protocol import ProtocolDocument
 
 UNFINISHED = (RunState.SCORING, RunState.PAUSED, RunState.READY)
-"""Runs whose target every fresh submission is scored under besides."""
+"""States of runs under whose target every new submission is scored as well."""
 IS_TWO_SIDED = and_(
     RescoringRun.phase_id == Phase.id,
     RescoringRun.kind == RunKind.UPDATE,
     is_one_of(RescoringRun.state, (*UNFINISHED, RunState.APPLIED)),
 )
-"""Whether a run is an update of the phase that asks for each submission to be scored twice."""
+"""Join condition: the run is an update of the phase for which submissions are scored twice."""
 _PHASE_AND_TWO_SIDED_RUN = (
     select(Phase, RescoringRun)
     .outerjoin(RescoringRun, IS_TWO_SIDED)
@@ -39,7 +39,7 @@ _FIRST_PROTOCOL = (
 
 
 class ScoringKey(NamedTuple):
-    """A protocol and a split revision: with a submission it names one sheet."""
+    """A protocol and a split revision: with a submission it identifies one sheet."""
 
     protocol_digest: str
     split_revision: str
@@ -58,31 +58,31 @@ def key_of_phase(phase: Phase) -> ScoringKey:
 
 
 def old_key(run: RescoringRun) -> ScoringKey:
-    """Return the key from which the run starts."""
+    """Return the source key of the run."""
     return ScoringKey(run.from_protocol_digest, run.from_split_revision)
 
 
 def new_key(run: RescoringRun) -> ScoringKey:
-    """Return the key to which the run leads."""
+    """Return the target key of the run."""
     return ScoringKey(run.to_protocol_digest, run.to_split_revision)
 
 
 def shadow_key(run: RescoringRun) -> ScoringKey:
-    """Return the key of the run that the public board does not show: it is scored in the background."""
+    """Return the key of the run that the public board does not show, scored in the background."""
     return old_key(run) if run.state is RunState.APPLIED else new_key(run)
 
 
 class Shadow(NamedTuple):
-    """What a fresh submission is scored under besides, and whether that is held now."""
+    """The second key under which a new submission is scored, and whether that scoring is held."""
 
     key: ScoringKey
     is_held: bool
 
 
 def phase_and_shadow(session: Session, phase_id: str) -> tuple[Phase, Shadow | None]:
-    """Return a phase as it is now, and its shadow while an update of it is open.
+    """Return a phase, reread, and its shadow while an update of it is open.
 
-    One statement reads both: a flip that came between two would leave a submission without a side.
+    One statement reads both: with two, a flip in between could leave a submission without one key.
 
     Raises:
         NotFound: There is no such phase.
@@ -96,12 +96,12 @@ def phase_and_shadow(session: Session, phase_id: str) -> tuple[Phase, Shadow | N
     return phase, Shadow(shadow_key(run), run.state is RunState.PAUSED)
 
 
-# Under which protocol an upload was accepted: what was accepted once is read the same for ever.
+# The protocol under which an upload was accepted: it is parsed under that one forever.
 
 
 def all_accepted_under(session: Session, phase_id: str) -> dict[str, ProtocolDocument]:
     """Return the protocol of the first sheet of each submission to a phase that has one."""
-    query = (  # newest first: of each submission the last row stays
+    query = (  # newest first, so that the oldest row of each submission overwrites the others
         select(ScoreSheetRow.submission_id, ScoreSheetRow.protocol_digest)
         .join(Submission, Submission.id == ScoreSheetRow.submission_id)
         .where(Submission.phase_id == phase_id)

@@ -30,19 +30,19 @@ class Phase(Base):
     quota_per_day: Mapped[int]
     quota_total: Mapped[int | None]
     quota_concurrent: Mapped[int | None]
-    """How many of a team may wait for their score at once."""
+    """How many submissions of a team may wait for their score at once."""
     rejected_per_day: Mapped[int]
     current_board_id: Mapped[int | None]
     shows_reported: Mapped[bool]
     created_at: Mapped[datetime]
     visibility: Mapped[Visibility] = mapped_column(String)
     position: Mapped[int | None]
-    """The lowest one stands first in lists, and on the front page."""
+    """The phase with the lowest one is first in lists, and on the front page."""
     page: Mapped[PhasePage] = mapped_column(DocumentText(PhasePage), default=PhasePage())
     policy: Mapped[PhasePolicy] = mapped_column(DocumentText(PhasePolicy), default=PhasePolicy())
     unfrozen_at: Mapped[datetime | None]
     names_revealed_at: Mapped[datetime | None]
     pseudonym_salt: Mapped[str | None] = mapped_column(deferred=True)
-    """Random; pseudonyms are keyed by it. Never shown to anyone."""
+    """The random key of the pseudonyms. Never shown to anyone."""
     late_board_id: Mapped[int | None]
     """The board of the late view."""

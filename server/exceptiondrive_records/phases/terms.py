@@ -17,7 +17,7 @@ _LETTERS = 12
 
 
 def terms_version(phase: Phase) -> str | None:
-    """Return the version of the terms that a team has to accept; None where none need be."""
+    """Return the version of the terms that a team has to accept; None if it need not."""
     text = phase.page.terms.strip()
     if not phase.policy.terms_required or not text:
         return None
@@ -25,7 +25,7 @@ def terms_version(phase: Phase) -> str | None:
 
 
 def terms_accepted_at(session: Session, team_id: int, phase: Phase) -> datetime | None:
-    """Return when a team accepted the terms as they stand; None: it did not, or need not."""
+    """Return when a team accepted the present terms; None if it did not, or need not."""
     version = terms_version(phase)
     if version is None:
         return None
@@ -36,10 +36,10 @@ def terms_accepted_at(session: Session, team_id: int, phase: Phase) -> datetime 
 def accept_terms(
     session: Session, team_id: int, phase: Phase, version: str, *, actor: str
 ) -> TermsAcceptance:
-    """Record that a team accepts the terms that it read; idempotent.
+    """Record that a team accepts the terms that it read. Idempotent.
 
     Raises:
-        Conflict: The terms are others by now, or none need be accepted.
+        Conflict: The terms have changed, or need not be accepted.
     """
     current = terms_version(phase)
     if current is None:
@@ -62,13 +62,13 @@ def accept_terms(
 
 
 def acceptances_of(session: Session, team_id: int) -> list[TermsAcceptance]:
-    """Return what a team accepted, newest first."""
+    """Return the terms that a team accepted, newest first."""
     query = select(TermsAcceptance).where(TermsAcceptance.team_id == team_id)
     return list(session.scalars(query.order_by(TermsAcceptance.accepted_at.desc())))
 
 
 def require_terms(session: Session, team_id: int, phase: Phase) -> None:
-    """Refuse an upload of a team that has not accepted the terms as they stand.
+    """Refuse an upload of a team that has not accepted the present terms.
 
     Raises:
         NotAllowed: It has not.

@@ -61,7 +61,7 @@ def delete_protocol(
     Raises:
         NotFound: There is none.
         InvalidRecord: The reason is empty.
-        Conflict: A phase or a run names it, a split was opened under it, or it came with this software.
+        Conflict: A phase or run uses it, a split was opened under it, or it is packaged.
     """
     row = find_protocol_row(session, version_or_digest)
     protocol = find_protocol(session, row.digest)
@@ -97,10 +97,10 @@ def protocol_users(session: Session) -> dict[str, list[str]]:
 
 
 def checked_protocol(session: Session, toml: str) -> ProtocolDocument:
-    """Return a valid protocol document, which can be added or is already there.
+    """Return a valid protocol document, which can be added or is recorded already.
 
     Raises:
-        InvalidRecord: Not a valid protocol document, or one that nobody can mean.
+        InvalidRecord: Not a valid protocol document, or one with meaningless values.
         Conflict: The version is taken by another content.
     """
     try:
@@ -138,7 +138,7 @@ def find_protocol(session: Session, version_or_digest: str) -> ProtocolDocument:
 
     Raises:
         NotFound: There is none.
-        Conflict: The recorded text no longer has the recorded digest: someone edited it in place.
+        Conflict: The recorded text does not match its recorded digest: it was edited in place.
     """
     row = find_protocol_row(session, version_or_digest)
     protocol = _parsed_protocol(row.toml)
@@ -164,10 +164,10 @@ def _parsed_protocol(toml: str) -> ProtocolDocument:
 
 
 def usual_protocol(session: Session, actor: str, *, is_withheld: bool) -> str:
-    """Return the digest of what a new phase takes; of a public split the newest that a phase has.
+    """Return the digest of the default protocol of a new phase, adding a packaged one if needed.
 
-    Where no phase has one, that is the last that was added; a draft is not taken unasked where there is
-    another. A packaged protocol is added where it is missing.
+    For a withheld split that is the newest packaged one for these; for a public split the newest
+    that a phase uses, so that no draft is chosen, or else the last that was added.
     """
     if is_withheld:
         return add_protocol(session, packaged_protocol_toml(NEWEST_WITHHELD), actor).digest

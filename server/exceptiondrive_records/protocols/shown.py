@@ -1,6 +1,6 @@
-"""Which protocols are public: those of phases and published boards, and the packaged ones.
+"""Select public protocols: those of phases and published boards, and the packaged ones.
 
-A protocol added for a run in preparation is not among them.
+A protocol added for a run in preparation is not public.
 """
 
 from sqlalchemy import select, union

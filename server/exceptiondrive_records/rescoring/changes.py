@@ -1,4 +1,4 @@
-"""The states of a rescoring run; each step has an actor and a reason, and writes an audit line."""
+"""Change states of rescoring runs; each step has an actor, a reason and an audit line."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -65,7 +65,7 @@ _DONE = {
     RunAction.CLOSE: "closed",
     RunAction.CANCEL: "cancelled",
 }
-"""What the audit log says of each action, after `rescoring`."""
+"""The word for each action in the audit log, after `rescoring`."""
 
 
 def create_run(
@@ -77,9 +77,9 @@ def create_run(
     reason: str,
     actor: str,
 ) -> RescoringRun:
-    """Draft a run: nothing is scored yet, and nobody but organizers sees it.
+    """Draft a run: nothing is scored yet, and only organizers see it.
 
-    Protocol (version or digest) and split revision are those to come, by default those in force.
+    Protocol (version or digest) and split revision are the target, by default the present ones.
 
     Raises:
         NotFound: No such phase, protocol or split revision.
@@ -112,10 +112,10 @@ def start_verification(
     reason: str,
     actor: str,
 ) -> RescoringRun:
-    """Begin a run that recomputes sheets of a phase from their uploads, and demands every bit again.
+    """Start a run that recomputes sheets of a phase from their uploads, and compares every bit.
 
-    It moves no pointer and keeps no sheet: other runs of the phase go their way beside it. They
-    are `sample` sheets, drawn by the database, or without a sample all; or those of one submission.
+    It moves no pointer and stores no sheet, so other runs of the phase are independent of it. It
+    takes `sample` random sheets, or all if that is None, of the phase or of one submission.
 
     Raises:
         NotFound: No such phase.
@@ -135,7 +135,7 @@ def start_verification(
 def verify_submission(
     session: Session, submission_id: str, *, reason: str, actor: str
 ) -> RescoringRun:
-    """Begin a verification of the sheet of one submission; the audit log says so of both.
+    """Start a verification of one submission's sheet; the audit log has a line for each of both.
 
     Raises:
         NotFound: No such submission.
@@ -177,7 +177,7 @@ def start_run(session: Session, run_id: str, *, reason: str, actor: str) -> Resc
     """Start scoring in the background; the reconciler creates the jobs.
 
     Raises:
-        Conflict: It is no draft, or a worker found that the split cannot be scored under it.
+        Conflict: It is not a draft, or a worker found that the split cannot be scored under it.
     """
     trial = trial_of(session, run_id)
     if trial is not None and trial.state == "refused":
@@ -188,7 +188,7 @@ def start_run(session: Session, run_id: str, *, reason: str, actor: str) -> Resc
 
 
 def pause_run(session: Session, run_id: str, *, reason: str, actor: str) -> RescoringRun:
-    """Pause a run: no further job of it begins."""
+    """Pause a run: no further job of it starts."""
     run = move_run(session, run_id, RunAction.PAUSE, reason, actor)
     hold_jobs(session, run)
     return run
@@ -216,7 +216,7 @@ def cancel_run(session: Session, run_id: str, *, reason: str, actor: str) -> Res
 
 
 def close_run(session: Session, run_id: str, *, reason: str, actor: str) -> RescoringRun:
-    """End an applied run for good: fresh submissions are scored under the new protocol alone."""
+    """End an applied run permanently: new submissions are scored under the new protocol only."""
     run = move_run(session, run_id, RunAction.CLOSE, reason, actor)
     cancel_jobs(session, run, old_key(run))
     score_left_out(session, run.phase_id, new_key(run))
@@ -234,12 +234,12 @@ def move_run(
 ) -> RescoringRun:
     """Move a run to another state and write an audit line.
 
-    `no_longer_ranked` tells of the submissions that lose their rank by it, and why.
+    `no_longer_ranked` has the submissions that lose their rank by this, each with the reason.
 
     Raises:
         NotFound: No such run.
         InvalidRecord: The reason is empty.
-        Conflict: The run is in a state from which this is not possible.
+        Conflict: The action is not possible in the present state of the run.
     """
     run = find_run(session, run_id, lock=True)
     reason = checked_reason(reason)
@@ -257,10 +257,10 @@ def move_run(
 
 
 def require_action(session: Session, run: RescoringRun, action: RunAction) -> RunState:
-    """Return the state that an action leads to.
+    """Return the state to which an action leads.
 
     Raises:
-        Conflict: It is not possible; the sentence says in which states it is.
+        Conflict: It is not possible now; the sentence says in which states it is.
     """
     may_retry = action is RunAction.RESUME and run.state in RETRIES
     has_failed = may_retry and count_sheets(session, run.phase_id, shadow_key(run)).failed > 0
@@ -315,11 +315,11 @@ def _target_key(
     return target
 
 
-# Whether the files that a phase has accepted can be scored under the new protocol or revision.
+# Checks whether accepted files of a phase can be scored under the new protocol or revision.
 #
-# What cannot be is refused when a run is drafted: else its sheets would all fail, or be made of fewer
-# waypoints than those of fresh submissions. Tasks that the protocol no longer has are the worker's to
-# find (`split_refused`): which tasks a split has is withheld from here.
+# If not, the draft of the run is refused: its sheets would all fail, or use fewer waypoints than
+# those of new submissions. Only workers can check that the protocol has all tasks of the split
+# (`split_refused`): the server does not know the tasks of a withheld split.
 
 
 _ADVICE = "Open a new phase for it instead."
@@ -331,7 +331,7 @@ def require_readable(
     """Refuse a protocol or split revision under which accepted files cannot be scored.
 
     Raises:
-        InvalidRecord: They cannot; every reason is given.
+        InvalidRecord: They cannot; all reasons are given.
     """
     reasons = [
         *_sample_reasons(old[1], new[1]),

@@ -1,4 +1,4 @@
-"""Compare two boards: what readers see now, and what they would see. Pure."""
+"""Compare two boards: what readers see now, and what they would see."""
 
 from dataclasses import dataclass
 
@@ -27,7 +27,7 @@ from exceptiondrive_schemas.protocols.difference import (
 from exceptiondrive_schemas.score_sheet import MetricRow
 
 _DECIMALS = 6
-"""A difference of two rounded numbers, without the noise of binary fractions."""
+"""Rounding for differences of rounded numbers, to remove floating-point noise."""
 
 
 def compare_boards(old: Board, new: Board) -> Comparison:
@@ -106,9 +106,9 @@ def _kind(old: Standing | None, new: Standing | None) -> ChangeKind:
 
 
 def _numbers_differ(old: Standing, new: Standing) -> bool:
-    """Whether a published number changes; whom the reminder is measured against is none of them.
+    """Whether a published number changes; the counterpart of the reminder effect is not a number.
 
-    A metric that one of the boards does not have yet changes no number of the other.
+    A metric that only one of the boards has is ignored.
     """
     if old.families.keys() != new.families.keys():
         return True
@@ -130,7 +130,7 @@ def _metrics_of(standing: Standing | None) -> MetricRow | None:
 
 
 def _shifts(old: MetricRow | None, new: MetricRow | None) -> MetricRow:
-    """New minus old; None if either is missing."""
+    """Return new minus old by metric; None if either is missing."""
     if not old or not new:
         return dict.fromkeys(new or old or {})
     return {key: _shift(old.get(key), value) for key, value in new.items()}
@@ -141,9 +141,9 @@ def _shift(old: float | None, new: float | None) -> float | None:
 
 
 def _worst_movers(entries: tuple[EntryChange, ...], challenge_id: str) -> tuple[str, ...]:
-    """Sort newly failing entries first, then by ranks lost, then by loss of the first primary metric.
+    """Return losing entries: newly failing ones first, then by ranks lost, then by metric lost.
 
-    Who gains a place and loses of the metric is named too, after them.
+    The metric is the first primary one. Entries that gain ranks but lose in the metric come last.
     """
     metric = CHALLENGES[challenge_id].metrics[0]
     sign = 1 if metric.better == "higher" else -1
@@ -162,10 +162,10 @@ def _worst_movers(entries: tuple[EntryChange, ...], challenge_id: str) -> tuple[
     return tuple(entry.submission_id for entry in sorted(losers, key=badness))
 
 
-# Comparisons of recorded boards, kept in memory: a board never changes, so neither do these.
+# Comparisons of recorded boards, cached in memory: boards never change, so neither do these.
 #
-# Whoever previews a run, or watches it, works the comparison out; the transaction that flips the
-# pointer then finds it here, and holds its locks for no arithmetic.
+# A preview of a run computes the comparison; the transaction that flips the pointer then finds it
+# in the cache, and need not compute it while holding locks.
 
 
 @dataclass(frozen=True)
@@ -177,11 +177,11 @@ class Compared:
 
 
 _COMPARED: Memory[tuple[str, str], Compared] = Memory(4)
-"""Pairs of boards: those of the open runs, a megabyte or so each at 1,000 entries."""
+"""By pair of boards, for the open runs; about a megabyte each at 1,000 entries."""
 
 
 def compare_to_shown(session: Session, phase: Phase, new: BoardRow | None) -> Compared | None:
-    """Return what changes from the board that a phase shows; None while one of the two is missing."""
+    """Return what changes from the board that a phase shows; None if either board is missing."""
     old = None if phase.current_board_id is None else session.get(BoardRow, phase.current_board_id)
     return None if new is None or old is None else compare_rows(old, new)
 
@@ -197,11 +197,11 @@ def _compare_rows(old: BoardRow, new: BoardRow) -> Compared:
     return Compared(comparison, comparison.digest)
 
 
-# What a run changes, from the recorded documents.
+# The changes of a run, from the recorded documents.
 
 
 def difference_of(session: Session, run: RescoringRun) -> Difference:
-    """Return what a run changes, in plain words, and how many sheets stand to be made again."""
+    """Return what a run changes, in plain words, and how many sheets would be recomputed."""
     before, after = splits_of(session, run)
     return protocol_difference(
         find_protocol(session, run.from_protocol_digest),
@@ -212,14 +212,14 @@ def difference_of(session: Session, run: RescoringRun) -> Difference:
 
 
 def splits_of(session: Session, run: RescoringRun) -> tuple[SplitRow, SplitRow]:
-    """Return the split revision that a run leaves, and the one that it leads to."""
+    """Return the source and the target split revision of a run."""
     name = session.get_one(Phase, run.phase_id).split_name
     before = find_split(session, name, run.from_split_revision)
     return before, find_split(session, name, run.to_split_revision)
 
 
 def what_changed(session: Session, run: RescoringRun, *, is_taken_back: bool) -> tuple[str, ...]:
-    """Return what readers are told as a run is applied, or taken back; reasons stay with the organizers."""
+    """Describe for readers what a run, or its rollback, changes, without organizers' reasons."""
     sentences = difference_of(session, run).sentences
     if is_taken_back:
         return tuple(f"taken back: {sentence}" for sentence in sentences)
@@ -229,10 +229,10 @@ def what_changed(session: Session, run: RescoringRun, *, is_taken_back: bool) ->
 
 
 def split_steps(session: Session, before: SplitRow, after: SplitRow) -> tuple[SplitChange, ...]:
-    """Return what readers are told of each step from one revision, or part of it, to a later one.
+    """Return the public description of each step from a revision, or part of it, to a later one.
 
     Returns:
-        Oldest first; nothing where the later one does not come from the earlier one.
+        Oldest first; empty if the later one does not derive from the earlier one.
     """
     previous = {
         row.revision: row.changes
@@ -258,7 +258,7 @@ def _revision_changes(session: Session, before: SplitRow, after: SplitRow) -> tu
 
 
 def _part_change(before: SplitRow, after: SplitRow) -> tuple[Change, ...]:
-    """Say which samples count, where the part of the split changes."""
+    """Say which samples count, if the part of the split changes."""
     if before.part == after.part:
         return ()
     old, new = (

@@ -1,4 +1,4 @@
-"""What the reconciler does for runs: jobs for missing sheets, the draft board, the next state.
+"""Fan out rescoring runs: create jobs for missing sheets, request draft boards, advance states.
 
 Each pass decides from the records alone, so that it repairs whatever a crash left.
 """
@@ -34,7 +34,7 @@ from exceptiondrive_schemas.api.rescoring import RunKind, RunState
 from exceptiondrive_schemas.jobs import Lane
 
 BATCH = 200
-"""At most so many jobs of a run wait at a time: a run never floods the queue."""
+"""Maximum number of open jobs of a run per key: a run never floods the queue."""
 _ACTOR = "reconciler"
 _TENDED = (RunState.SCORING, RunState.PAUSED, RunState.READY, RunState.APPLIED)
 
@@ -42,7 +42,7 @@ _TENDED = (RunState.SCORING, RunState.PAUSED, RunState.READY, RunState.APPLIED)
 def tend_runs(database: Database, max_attempts: int) -> int:
     """Advance every open run by one step; return how many jobs were created.
 
-    Beyond `max_attempts` a sheet that is verified is given up.
+    Verification of a sheet is given up after `max_attempts`.
     """
     is_tended = RescoringRun.state.in_(_TENDED)
     with database.read() as session:
@@ -60,7 +60,7 @@ def _tend_run(session: Session, run: RescoringRun, max_attempts: int) -> int:
     if run.state is RunState.PAUSED:
         hold_jobs(session, run)
         return 0
-    _move_jobs(session, run, (WorkState.HELD,), WorkState.QUEUED)  # of uploads that saw it paused
+    _move_jobs(session, run, (WorkState.HELD,), WorkState.QUEUED)  # uploads in a pause were held
     made = 0
     for key in _both_keys(run):
         room = BATCH - count_jobs(session, run.phase_id, key, OPEN_STATES)
@@ -80,14 +80,14 @@ def _tend_run(session: Session, run: RescoringRun, max_attempts: int) -> int:
 
 
 def _both_keys(run: RescoringRun) -> tuple[ScoringKey, ...]:
-    """Both: what is not shown now may be shown again."""
+    """Return both keys: the one that is not shown now may be shown again."""
     return new_key(run), old_key(run)
 
 
 def score_left_out(session: Session, phase_id: str, key: ScoringKey) -> None:
-    """Make jobs under what a phase shows for submissions that were, or will be, scored under another alone.
+    """Create jobs under the shown key of a phase for submissions that have only jobs of other keys.
 
-    No run will do it any more once it is closed: they would stand on no board.
+    After a run is closed, nothing else creates these jobs, and no board would list the submissions.
     """
     _make_jobs(session, left_out(phase_id, key), key)
 
@@ -115,7 +115,7 @@ def release_jobs(session: Session, run: RescoringRun) -> None:
 
 
 def cancel_jobs(session: Session, run: RescoringRun, key: ScoringKey) -> None:
-    """Cancel the jobs of a key that have not begun; they can be created again."""
+    """Cancel the jobs of a key that have not started; they can be created again."""
     is_waiting = Job.id.in_(_waiting_jobs(run, key))
     lock_jobs(session, is_waiting)
     session.execute(delete(Job).where(is_waiting).execution_options(synchronize_session=False))

@@ -1,4 +1,4 @@
-"""Apply and roll back: one transaction moves the pointer, or nothing if anything is missing."""
+"""Apply and roll back runs: one transaction moves the pointer, or none if anything is missing."""
 
 from datetime import datetime
 
@@ -61,7 +61,7 @@ from exceptiondrive_schemas.api.submission import WAITING
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.printable import counted
 
-# Which sheets of a run could not be made, why as far as workers said, and what to do.
+# Failed sheets of a run, with the reasons that workers reported, and advice.
 
 
 _NAMED = 5
@@ -85,7 +85,7 @@ _USUAL_CURE = "The worker's log names the place in the code; resume the run to t
 
 
 def failed_words(session: Session, run: RescoringRun, key: ScoringKey) -> list[str]:
-    """Return a sentence for each reason of failed sheets: how many, whose, and what helps."""
+    """Return a sentence for each reason of failed sheets: how many, whose, and advice."""
     failed = failed_sheets(run.phase_id, key).order_by(Submission.received_at, Submission.id)
     ids = [submission.id for submission in session.scalars(failed)]
     newest = (
@@ -114,11 +114,11 @@ _NO_BOARD = (
     "under the new protocol. What failed used no quota."
 )
 _BLOCKED_IN_WORDS = (RunState.DRAFT, RunState.PAUSED)
-"""States that cannot be applied, and say themselves what to do about it."""
+"""States that cannot be applied, and for which `blockers_of` has advice of its own."""
 
 
 def comparison_of(session: Session, run: RescoringRun) -> Compared | None:
-    """Return what the next flip of a run would change; None while one of the boards is missing."""
+    """Return what the next flip of a run would change; None if a board is missing."""
     phase = session.get_one(Phase, run.phase_id)
     return compare_to_shown(session, phase, fresh_board(session, run.phase_id, shadow_key(run)))
 
@@ -126,7 +126,7 @@ def comparison_of(session: Session, run: RescoringRun) -> Compared | None:
 def work_out(database: Database, run_id: str) -> None:
     """Compare the boards before a flip, so that its transaction finds the comparison cached.
 
-    It decides nothing: the transaction reads the boards again, and compares them.
+    It decides nothing: the transaction reads and compares the boards again.
     """
     with database.read() as session:
         run = find_run(session, run_id)
@@ -192,7 +192,7 @@ def apply_run(
     run.applied_at = run.state_at
     run.comparison = compared.comparison
     running = hold_running_deadlines(session, phase)
-    if frozen_since(phase, run.state_at) is not None:  # only a reveal comes here
+    if frozen_since(phase, run.state_at) is not None:  # only possible for a reveal
         end_freeze(session, phase, run.state_at, reason=reason, actor=actor)
     run.apply_flip_id = _flip(session, phase, row, new_key(run))
     tell_of_ended_deadlines(session, phase, running)
@@ -205,7 +205,7 @@ def rollback_run(session: Session, run_id: str, *, reason: str, actor: str) -> R
 
     Raises:
         NotFound: No such run.
-        Conflict: It is not applied, or sheets of fresh submissions are missing.
+        Conflict: It is not applied, or sheets of new submissions are missing.
     """
     phase, row, compared = _lock_and_check(session, run_id, RunAction.ROLLBACK)
     lost = compared.comparison.no_longer_ranked
@@ -272,10 +272,10 @@ def _flip(session: Session, phase: Phase, row: BoardRow, key: ScoringKey) -> int
 
 
 def _turn_waiting_jobs(session: Session, phase_id: str, old: ScoringKey, new: ScoringKey) -> None:
-    """Let submissions of which nothing is scored yet follow the pointer: the shown key is first."""
+    """Make the job under the shown key the first job of submissions without any score yet."""
     waiting = _waiting_under(phase_id, old).intersect(_waiting_under(phase_id, new))
     lock_jobs(session, Job.submission_id.in_(waiting))
-    both = list(session.scalars(waiting))  # without what was claimed or withdrawn meanwhile
+    both = list(session.scalars(waiting))  # reread: some may be claimed now
     for key, is_first in ((old, False), (new, True)):
         session.execute(
             update(Job)

@@ -1,4 +1,4 @@
-"""End a freeze, and whatever else ends with a reveal; teams are notified of both."""
+"""End a freeze and the later deadlines that end with a reveal, and notify teams of both."""
 
 from collections.abc import Iterable
 from contextlib import suppress
@@ -26,7 +26,7 @@ from exceptiondrive_records.teams.teams import teams_that_read
 def end_freeze(session: Session, phase: Phase, now: datetime, *, reason: str, actor: str) -> None:
     """End the freeze of a phase's boards, and notify its teams of scores that were kept back.
 
-    The audit log names the board that readers saw in the place of a newer one, built or to be built.
+    The audit line names the board that readers saw, if a newer one exists or is to be built.
     """
     since = Submission.received_at >= phase.policy.freezes_at
     kept_back = exists(ScoreSheetRow).where(
@@ -44,15 +44,15 @@ def end_freeze(session: Session, phase: Phase, now: datetime, *, reason: str, ac
 
 
 def tell_teams(session: Session, phase: Phase, title: str, sentence: str) -> None:
-    """Tell the teams that submitted to a phase; of a hidden one nothing is told.
+    """Notify the teams that submitted to a phase, unless it is hidden.
 
-    One whose own later deadline still holds is told that, too.
+    Teams with a later deadline that still holds are reminded of it.
     """
     if phase.visibility == "hidden":
         return
     has_ended = is_revealed(session, phase)
     for team in teams_that_read(session, phase.id):
-        # whoever forgets it does so before it is told, or after
+        # lock the team, so that it is not forgotten while it is being notified
         session.refresh(team, with_for_update={"read": True, "key_share": True})
         own = None if has_ended else allowance_of(session, team.id, phase.id)
         until = own and own_deadline(phase, own.closes_at)
@@ -62,7 +62,7 @@ def tell_teams(session: Session, phase: Phase, title: str, sentence: str) -> Non
 
 
 def hold_running_deadlines(session: Session, phase: Phase) -> list[tuple[Team, datetime]]:
-    """Return what runs until a reveal (`running_deadlines`); an upload of these teams comes before it, or after it."""
+    """Return `running_deadlines`, and lock the teams, so that no upload overlaps the reveal."""
     held = []
     for team, until in sorted(running_deadlines(session, phase), key=lambda each: each[0].id):
         with suppress(Conflict):  # it was refused meanwhile
@@ -73,12 +73,12 @@ def hold_running_deadlines(session: Session, phase: Phase) -> list[tuple[Team, d
 def tell_of_ended_deadlines(
     session: Session, phase: Phase, running: Iterable[tuple[Team, datetime]]
 ) -> None:
-    """Tell teams whose own later deadline ran until a reveal that it has ended.
+    """Notify teams whose own later deadline ran until a reveal that it has ended.
 
     Args:
-        session: Of the write transaction that reveals.
-        phase: Of the teams; of a hidden one nothing is told.
-        running: What ran before (`hold_running_deadlines`).
+        session: Session of the write transaction that reveals.
+        phase: The phase; if it is hidden, nobody is notified.
+        running: The deadlines before the reveal (`hold_running_deadlines`).
     """
     if phase.visibility == "hidden" or not is_revealed(session, phase):
         return

@@ -1,4 +1,4 @@
-"""Which sheets a run still lacks, which failed, and how fast it goes."""
+"""Measure the progress of a run: missing and failed sheets, and its rate."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ from exceptiondrive_schemas.api.submission import WAITING, SubmissionStatus
 
 _RATE_WINDOW = timedelta(seconds=30)
 _LEAST_S = 1.0
-"""The first sheets of a run come within milliseconds, and would promise too much."""
+"""Minimum time for the rate: the first sheets, within milliseconds, would give too high a rate."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ def count_sheets(session: Session, phase_id: str, key: ScoringKey) -> Counts:
 
 
 def count_scored(session: Session, phase_id: str) -> int:
-    """Return how many submissions of a phase are scored: any update makes that many sheets."""
+    """Return how many submissions of a phase are scored: an update computes that many sheets."""
     return _count(session, _scored_submissions(phase_id))
 
 
@@ -61,13 +61,13 @@ def _count(session: Session, query: Select[Any]) -> int:
 
 
 def scored_left_out(phase_id: str, key: ScoringKey, limit: int) -> Select[Submission]:
-    """Select those of `left_out` that are scored, the first ones."""
+    """Select the first scored ones of `left_out`."""
     is_scored = Submission.status == SubmissionStatus.SCORED
     return left_out(phase_id, key).where(is_scored).limit(limit)
 
 
 def left_out(phase_id: str, key: ScoringKey) -> Select[Submission]:
-    """Select submissions that are scored or wait for it, and have neither sheet nor job under this key."""
+    """Select scored or waiting submissions that have neither sheet nor job under a key."""
     return (
         select(Submission)
         .where(
@@ -104,7 +104,7 @@ def count_jobs(
 def progress_of(session: Session, run: RescoringRun) -> Progress:
     """Return done, total and failed, and while scoring the measured rate and remaining time.
 
-    No time is told once every sheet is begun: the last may wait for the lease of a worker that is lost.
+    No remaining time is given once all sheets have started: the last may wait for a lost lease.
     """
     if run.ended_with is not None:
         return run.ended_with
@@ -123,7 +123,7 @@ def progress_of(session: Session, run: RescoringRun) -> Progress:
 
 
 def _sheets_per_s(session: Session, run: RescoringRun, key: ScoringKey) -> float | None:
-    """Sheets per second over the last half minute, or since scoring resumed."""
+    """Return sheets per second over the last half minute, or since scoring resumed."""
     if run.resumed_at is None:
         return None
     now = database_now(session)
@@ -159,13 +159,13 @@ def _jobs_of(key: ScoringKey) -> Select[str]:
     return select(Job.id).where(Job.submission_id == Submission.id, is_of_key(Job, key))
 
 
-# The board that is not shown yet: whether it says what the sheets say now.
+# Whether the board that is not shown yet agrees with the present sheets.
 
 
 def fresh_board(session: Session, phase_id: str, key: ScoringKey) -> BoardRow | None:
-    """Return the newest board under a key if it holds exactly the entries that are due now.
+    """Return the newest board under a key if it lists exactly the entries that are due now.
 
-    One that readers never saw tells where each stood before: it is of what they see now, or not fresh.
+    A draft also has former ranks: it is not fresh if the shown board changed after its build began.
     """
     if is_board_wanted(session, phase_id, *key):
         return None

@@ -34,14 +34,14 @@ def retry_submission(
 ) -> Submission:
     """Queue a failed submission again, with all its attempts.
 
-    If the protocol was changed since, it is scored under the new one besides: else no board that
-    the phase shows would ever hold it. A reason is kept in the audit log.
+    If the protocol was changed since, it is also scored under the new one, as otherwise no shown
+    board would list it. A reason is kept in the audit log.
 
     Raises:
-        InvalidRecord: The reason cannot be kept.
+        InvalidRecord: The reason cannot be stored.
         NotFound: No such submission.
-        Conflict: It has not failed, the team has submitted the same bytes again since, or it has used
-            its quota without this one, which cost nothing and will.
+        Conflict: It has not failed; the team has submitted the same bytes again since; or the team
+            has no quota left for it: a failed submission costs none, a retried one does.
     """
     hold_team(session, find_submission(session, submission_id).team_id)
     lock_jobs(session, Job.submission_id == submission_id)
@@ -70,14 +70,14 @@ def restore_submission(
 ) -> Submission:
     """Restore a withdrawn submission, with its original time; the quota is unchanged.
 
-    Its sheets were kept: it is scored only where none is there under what the phase shows now.
+    Its sheets were kept: it is scored only if it has none under the key that the phase shows now.
 
     Raises:
-        InvalidRecord: The reason cannot be kept.
+        InvalidRecord: The reason cannot be stored.
         NotFound: No such submission.
-        Conflict: It was not withdrawn, it was a question that the team confirmed, the team has
-            submitted the same bytes again since, or it was withdrawn before the deadline, and scores
-            that were kept back were revealed since.
+        Conflict: It was not withdrawn; another submission counts in its place, as the team
+            confirmed; the team has submitted the same bytes again since; or it was withdrawn before
+            the deadline, and kept-back scores were revealed since.
     """
     hold_team(session, find_submission(session, submission_id).team_id)
     lock_jobs(session, Job.submission_id == submission_id)

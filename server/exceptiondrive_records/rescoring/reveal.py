@@ -1,4 +1,4 @@
-"""Reveal the withheld part of a split: a rescoring run to the revision of that part."""
+"""Reveal the withheld part of a split by a rescoring run to the revision of that part."""
 
 from collections.abc import Iterator
 from datetime import datetime
@@ -22,7 +22,7 @@ LATE_FILES = "Late files are refused from the reveal on, also after a rollback."
 
 
 def reveal_split(session: Session, phase_id: str, *, reason: str, actor: str) -> Phase:
-    """Start scoring the part that the phase reveals; the board changes when the run is applied.
+    """Start scoring the part to be revealed; the board changes when the run is applied.
 
     Raises:
         NotFound: No such phase.
@@ -48,7 +48,7 @@ def is_reveal(session: Session, run: RescoringRun) -> bool:
 
 
 def reveal_blockers(session: Session, run: RescoringRun) -> Iterator[str]:
-    """Yield what in the state of the phase blocks applying a run, or rolling it back."""
+    """Yield reasons in the state of the phase against applying a run, or rolling it back."""
     phase = session.get_one(Phase, run.phase_id)
     now = database_now(session)
     if run.state is RunState.APPLIED:
@@ -61,7 +61,7 @@ def reveal_blockers(session: Session, run: RescoringRun) -> Iterator[str]:
 
 
 def reveal_warnings(session: Session, run: RescoringRun) -> tuple[str, ...]:
-    """List what applying a reveal ends for good, as no rollback restores it."""
+    """List what applying a reveal ends permanently: a rollback does not restore it."""
     phase = session.get_one(Phase, run.phase_id)
     if run.state is RunState.APPLIED or run.state.is_final or not is_reveal(session, run):
         return ()

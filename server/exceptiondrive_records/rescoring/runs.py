@@ -28,7 +28,7 @@ def list_runs(
     only_open: bool = False,
     limit: int | None = None,
 ) -> list[RescoringRun]:
-    """Return runs of a kind, newest first, at most so many.
+    """Return runs of a kind, newest first, at most `limit`.
 
     Raises:
         NotFound: There is no such phase.

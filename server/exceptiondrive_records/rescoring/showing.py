@@ -1,4 +1,4 @@
-"""Change a phase or reveal its board, and notify its teams of what that means for them."""
+"""Change a phase or reveal its board, and notify its teams of the consequences for them."""
 
 from datetime import timedelta
 
@@ -82,10 +82,10 @@ def reveal_board(session: Session, phase_id: str, *, reason: str, actor: str) ->
 
 
 def _tell_of_hidden_updates(session: Session, phase: Phase) -> None:
-    """Tell what was applied, and what was taken back that teams were told of, in that order.
+    """Notify teams, in order, of applied updates, and of rollbacks of those that they heard of.
 
-    Of what a team was told, while the phase was shown before, nobody is told again; nor of an entry
-    that does not stand now.
+    Nothing that was notified while the phase was shown earlier is repeated, and entries that are
+    not on the present board are left out.
     """
     runs = session.scalars(select(RescoringRun).where(RescoringRun.phase_id == phase.id)).all()
     notices = select(Notification.run_id, Notification.kind).where(
@@ -107,5 +107,5 @@ def _tell_of_hidden_updates(session: Session, phase: Phase) -> None:
         old, new = boards_of_flip(session, flip_id)
         comparison = compare_rows(old, new).comparison
         own = tuple(each for each in comparison.entries if each.submission_id in stands)
-        at += timedelta(milliseconds=1)  # the newest is read first
+        at += timedelta(milliseconds=1)  # inboxes sort by time, newest first
         notify_of_run(session, run, comparison.model_copy(update={"entries": own}), kind, at)

@@ -13,7 +13,7 @@ from exceptiondrive_schemas.api.rescoring import Comparison, Progress, RunKind, 
 class RescoringRun(Base):
     """One change of the protocol or split revision of a phase, from draft to its end.
 
-    A verification is a run whose target is its source: it keeps no sheet, and compares.
+    A verification is a run whose target is its source: it compares sheets, and stores none.
     """
 
     __tablename__ = "rescoring_runs"
@@ -32,12 +32,12 @@ class RescoringRun(Base):
     state_at: Mapped[datetime]
     started_at: Mapped[datetime | None]
     resumed_at: Mapped[datetime | None]
-    """When scoring last began or went on: the rate counts from here."""
+    """When scoring last started or resumed; the rate is measured from then."""
     applied_at: Mapped[datetime | None]
     ended_at: Mapped[datetime | None]
     ended_with: Mapped[Progress | None] = mapped_column(DocumentText(Progress))
-    """How far an update had come when it ended: what is withdrawn or scored later is none of its work."""
+    """Progress of an update when it ended; later scores and withdrawals do not change it."""
     apply_flip_id: Mapped[int | None] = mapped_column(ForeignKey("board_flips.id"))
     rollback_flip_id: Mapped[int | None] = mapped_column(ForeignKey("board_flips.id"))
     comparison: Mapped[Comparison | None] = mapped_column(DocumentText(Comparison), deferred=True)
-    """What readers saw change, kept when the run was applied."""
+    """The changes that readers saw, stored when the run was applied."""

@@ -1,4 +1,4 @@
-"""Trials: a worker tests the split under a run's target protocol before the run starts.
+"""Trials, in which a worker tests the split under a run's target protocol before the run starts.
 
 Only workers open splits; a trial reports why samples cannot be scored, and how many.
 """
@@ -23,7 +23,7 @@ def ask_for_trial(session: Session, run: RescoringRun) -> None:
 
 
 def finish_trial(session: Session, item: Trial, trial: SplitTrial) -> bool:
-    """Record the outcome of a trial; False if the lease was lost."""
+    """Record the outcome of a trial; return False if the lease was lost."""
     if not finish(session, item):
         return False
     session.execute(update(Trial).where(Trial.id == item.id).values(trial=trial))

@@ -40,9 +40,9 @@ _NOT_CANCELLED = Recheck.state != WorkState.CANCELLED
 def ask_for_rechecks(
     session: Session, run: RescoringRun, sample: int | None, submission_id: str | None
 ) -> int:
-    """Request recomputation of sheets, drawn by the database; return how many.
+    """Request recomputation of sheets, drawn at random by the database; return how many.
 
-    Without a sample all of them; of one submission where it is given.
+    It takes `sample` sheets, or all if that is None, of the phase or of one submission.
 
     Raises:
         InvalidRecord: There is no sheet.
@@ -86,7 +86,7 @@ def finish_recheck(
     found_digest: str | None,
     note: str | None = None,
 ) -> bool:
-    """Record the outcome of a recomputation; False if the lease was lost."""
+    """Record the outcome of a recomputation; return False if the lease was lost."""
     ended = WorkState.FAILED if state is VerifyState.FAILED else WorkState.DONE
     if not finish(session, item, ended, note=note):
         return False
@@ -172,13 +172,13 @@ def _item(item: Recheck) -> VerifyItemView:
 def list_verifications(
     session: Session, phase_id: str | None = None, limit: int | None = None
 ) -> list[VerificationView]:
-    """Return verifications, newest first, at most so many."""
+    """Return verifications, newest first, at most `limit`."""
     runs = list_runs(session, phase_id, RunKind.VERIFICATION, limit=limit)
     return [verification_view(session, run.id) for run in runs]
 
 
 def _outcome(state: WorkState, *, has_note: bool) -> VerifyState:
-    """Return the outcome of a work item: its note says why the sheet was not reproduced."""
+    """Return the outcome of a work item, whose note says why a sheet was not reproduced."""
     if state in OPEN_STATES:
         return VerifyState.WAITING
     if state is WorkState.DONE:

@@ -86,14 +86,14 @@ def run_view(session: Session, run: RescoringRun) -> RunView:
 def run_views(
     session: Session, phase_id: str | None = None, limit: int | None = None
 ) -> list[RunView]:
-    """Return runs, newest first, at most so many."""
+    """Return runs, newest first, at most `limit`."""
     return [run_view(session, run) for run in list_runs(session, phase_id, limit=limit)]
 
 
 def protocol_check(session: Session, toml: str, phase_id: str | None) -> Difference:
     """Return what a protocol document would change, without storing it.
 
-    Without a phase, against the protocol that was added last.
+    Without a phase, it is compared with the protocol added last.
 
     Raises:
         InvalidRecord: Not a valid protocol document; every problem is listed.
@@ -115,11 +115,11 @@ def protocol_check(session: Session, toml: str, phase_id: str | None) -> Differe
 def preview_of(session: Session, run_id: str, seen: str | None = None) -> PreviewView:
     """Return the comparison that the next flip would publish.
 
-    With the digest of an earlier one as `seen`, the answer says whether that is stale now.
+    If `seen` is the digest of an earlier one, the result says whether that is stale now.
 
     Raises:
         NotFound: No such run.
-        Conflict: One of the two boards is not there yet; the sentence says why.
+        Conflict: One of the two boards does not exist yet; the sentence says why.
     """
     run = find_run(session, run_id)
     phase = session.get_one(Phase, run.phase_id)
@@ -132,7 +132,7 @@ def preview_of(session: Session, run_id: str, seen: str | None = None) -> Previe
     is_behind = compared is None and not run.state.is_final
     if compared is None:
         draft = latest_board(session, run.phase_id, shadow_key(run))
-        compared = compare_to_shown(session, phase, draft)  # though submissions came since
+        compared = compare_to_shown(session, phase, draft)  # even if submissions came since
     if compared is None:
         yet = "" if run.state.is_final else " yet"
         raise Conflict(f"There is nothing to compare{yet}. {' '.join(blockers)}")
@@ -154,7 +154,7 @@ def _direction(state: RunState) -> FlipDirection:
 
 
 def _applied_comparison(session: Session, run: RescoringRun) -> Compared | None:
-    """The comparison published when the run was applied, if it ever was; forgotten teams have aliases."""
+    """Return the comparison published when the run was applied, if any, under aliases."""
     if run.comparison is None:
         return None
     aliases = aliases_in(session, run.phase_id)
@@ -164,12 +164,12 @@ def _applied_comparison(session: Session, run: RescoringRun) -> Compared | None:
 
 
 def public_run(session: Session, run_id: str, *, with_hidden: bool = False) -> PublicRun:
-    """Return an applied run as every reader may see it; its reason stays with the organizers.
+    """Return an applied run as every reader may see it, without the organizers' reason.
 
-    One of a hidden phase, too, where an organizer asks.
+    `with_hidden`, for organizers, allows runs of hidden phases.
 
-    Raises:
-        NotFound: There is none, it was never applied, or its phase is hidden; the words are the same.
+    Raises: NotFound: There is none, it was never applied, or its phase is hidden; the sentence is
+        the same.
     """
     run = session.get(RescoringRun, run_id)
     applied = None if run is None else _applied_comparison(session, run)
@@ -195,7 +195,7 @@ def public_run(session: Session, run_id: str, *, with_hidden: bool = False) -> P
 
 
 def _words_for_readers(session: Session, run: RescoringRun) -> str:
-    """What the authors of the new protocol and of the new split revision say about them."""
+    """Return what the authors of the new protocol and of the new split revision say about them."""
     words = []
     if run.from_protocol_digest != run.to_protocol_digest:
         words.append(find_protocol(session, run.to_protocol_digest).changes)
@@ -206,7 +206,7 @@ def _words_for_readers(session: Session, run: RescoringRun) -> str:
 def board_history(session: Session, phase_id: str) -> list[BoardHistoryLine]:
     """Return every board that was ever public, newest first, with the cause of its publication.
 
-    A phase may have thousands of boards of a megabyte each: none of them is read.
+    No board is read: a phase may have thousands of a megabyte each.
 
     Raises:
         NotFound: No such phase.
@@ -255,10 +255,10 @@ def _news_under_aliases(news: BoardNews, aliases: Mapping[str, str]) -> BoardNew
 
 
 def update_words(session: Session, phase_id: str) -> dict[int, tuple[str, ...]]:
-    """Return what changed as boards of a phase were shown, where an update was applied or taken back.
+    """Describe the changes by each flip of a phase's board that applied or rolled back an update.
 
     Returns:
-        By key of the flip. Reasons stay with the organizers.
+        Sentences by id of the flip, without organizers' reasons.
     """
     runs = _runs_by_flip(session, phase_id)
     return {flip_id: _words_of(session, run, flip_id) for flip_id, run in runs.items()}

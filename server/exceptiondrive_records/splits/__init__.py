@@ -1,1 +1,1 @@
-"""What the server may know about splits."""
+"""The facts that the server may know about splits."""

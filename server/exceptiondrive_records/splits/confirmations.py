@@ -1,4 +1,4 @@
-"""Confirmations signed by organizers: stored here, verified by workers only."""
+"""Store confirmations signed by organizers; only workers rely on them, and verify them again."""
 
 import base64
 
@@ -26,12 +26,12 @@ _CONFIRMATIONS = select(ConfirmationRow.confirmation).where(
 
 
 def add_confirmation(session: Session, given: Confirmation, actor: str) -> ConfirmationRow:
-    """Store a confirmation; idempotent.
+    """Store a confirmation. Idempotent.
 
     Raises:
-        NotFound: The split revision is not registered, or no such protocol was added.
-        InvalidRecord: The signature is not of this split, protocol and key.
-        Conflict: This key signed it and took that back.
+        NotFound: The split revision is not registered, or there is no such protocol.
+        InvalidRecord: The signature does not match split, protocol and key.
+        Conflict: The confirmation of this key was withdrawn.
     """
     find_split(session, given.split.name, given.split.revision)
     protocol = find_row(session, ProtocolRow, "protocol", given.protocol)
@@ -61,10 +61,10 @@ def add_confirmation(session: Session, given: Confirmation, actor: str) -> Confi
 
 
 def withdraw_confirmation(session: Session, confirmation_id: str, reason: str, actor: str) -> None:
-    """Withdraw a confirmation: workers no longer score or publish what needed it.
+    """Withdraw a confirmation: workers no longer score or publish what required it.
 
     Raises:
-        NotFound: There is none with this id, or it was withdrawn.
+        NotFound: There is none with this id, or it is withdrawn already.
     """
     row = session.get(
         ConfirmationRow, confirmation_id, with_for_update=True, populate_existing=True
@@ -84,7 +84,7 @@ def list_confirmations(session: Session) -> list[ConfirmationRow]:
 
 
 def keys_that_confirm(session: Session, split: SplitRef, protocol_digest: str) -> set[str]:
-    """Return the public keys with a valid signature that was not withdrawn."""
+    """Return the public keys with a valid confirmation that was not withdrawn."""
     given = {"name": split.name, "revision": split.revision, "protocol": protocol_digest}
     found = session.scalars(_CONFIRMATIONS, given).all()
     return {
@@ -95,7 +95,7 @@ def keys_that_confirm(session: Session, split: SplitRef, protocol_digest: str) -
 
 
 def is_signed(given: Confirmation) -> bool:
-    """Whether the signature is of this split and protocol, by this key."""
+    """Whether the signature is valid for this split, protocol and key."""
     try:
         key = Ed25519PublicKey.from_public_bytes(base64.b64decode(given.public_key, validate=True))
         signature = base64.b64decode(given.signature, validate=True)

@@ -1,7 +1,7 @@
-"""Drawings that the server may hold: of entries on public splits, and of protocols.
+"""Store drawings that the server may hold: of entries on public splits, and of protocols.
 
 A drawing of an entry shows hazard regions. So storing one takes a `PublicSplit`, which exists only
-if the whole split file is public; the table refuses it otherwise (`EntryDrawingsRow`).
+if the whole split file is public; the table refuses other drawings (`EntryDrawingsRow`).
 """
 
 from collections.abc import Iterator
@@ -35,14 +35,14 @@ _PUBLIC_FILE = select(SplitRow.public_file_digest).where(
 
 @dataclass(frozen=True)
 class PublicSplit:
-    """A split revision whose whole file anyone may have."""
+    """A split revision whose whole file is public."""
 
     ref: SplitRef
     file_digest: str
 
 
 def find_public_split(session: Session, ref: SplitRef) -> PublicSplit | None:
-    """Return the split if it is public; None if it is withheld, so that nothing of it may be drawn."""
+    """Return the split if it is public; None if it is withheld, so that it must not be drawn."""
     digest = session.scalars(_PUBLIC_FILE, {"name": ref.name, "revision": ref.revision}).first()
     return None if digest is None else PublicSplit(ref, digest)
 
@@ -91,7 +91,7 @@ def entry_drawings(
 
 
 def shown_of_withheld_splits(session: Session) -> Iterator[Violation]:
-    """Yield every drawing and picture whose split is not public or has changed; there must be none."""
+    """Yield drawings and pictures whose split is not public or has changed; there must be none."""
     drawing = "drawing", EntryDrawingsRow, EntryDrawingsRow.submission_id
     picture = "picture", SamplePictureRow, SamplePictureRow.sample_id
     for what, table, subject in (drawing, picture):

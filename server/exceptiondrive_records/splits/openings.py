@@ -1,4 +1,4 @@
-"""Under which protocols workers opened a withheld split: each one reveals more about its regions."""
+"""Record the protocols under which workers opened a withheld split: each reveals more of it."""
 
 from sqlalchemy import bindparam, select
 from sqlalchemy.orm import Session

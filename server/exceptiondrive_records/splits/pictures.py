@@ -1,6 +1,6 @@
-"""Pictures of samples that the server may hold: of public splits, with their licence.
+"""Store pictures of samples that the server may hold: of public splits, with their licence.
 
-The table refuses pictures of a split that is not public (`tables.SamplePictureRow`), as for drawings.
+As with drawings, the table refuses those of a split that is not public (`tables.SamplePictureRow`).
 """
 
 from collections.abc import Iterable
@@ -27,13 +27,13 @@ def show_pictures(
     licence: str,
     actor: str,
 ) -> None:
-    """Show these pictures of a split in the place of those that were shown; none take all away.
+    """Replace the shown pictures of a split by these; an empty sequence removes all.
 
-    Each comes with sample, what it shows, stored file and size; the rest is filled in here. The
-    licence stands under each; of no pictures it says nothing.
+    Each has its sample, what it shows, stored file and size; this function sets the other columns.
+    The licence is shown under each picture; it may be empty if there are none.
 
     Raises:
-        InvalidRecord: A sample is not of the split, or the licence is no line of words.
+        InvalidRecord: A sample is not in the split, or the licence is not one line of text.
         IntegrityError: The split is not public.
     """
     shown = list(pictures)
@@ -71,7 +71,7 @@ def show_pictures(
 def pictures_of(
     session: Session, split: SplitRef, sample_ids: Iterable[str]
 ) -> dict[str, tuple[SamplePictureRow, ...]]:
-    """Return the pictures of samples, the original scene first; samples without pictures are absent."""
+    """Return pictures by sample, the original scene first; samples without any are left out."""
     wanted = SamplePictureRow.sample_id.in_(set(sample_ids))
     order = SamplePictureRow.sample_id, SamplePictureRow.shows.desc()
     rows = session.scalars(select(SamplePictureRow).where(*_is_of(split), wanted).order_by(*order))

@@ -1,6 +1,6 @@
-"""Which revisions of a split are public: those that a phase uses or a published board used.
+"""Select public revisions of a split: those that a phase uses or a published board used.
 
-A revision registered for a run in preparation is not among them.
+A revision registered for a run in preparation is not public.
 """
 
 from collections.abc import Iterable
@@ -19,7 +19,7 @@ from exceptiondrive_records.splits.tables import SplitRow
 def shown_revisions(session: Session, name: str) -> list[SplitRow]:
     """Return the whole revisions that readers know of: those in force first, then newest first.
 
-    Of a part, that is the first one that has it: a later one is known by what else it changes.
+    For a known part this is the first revision that has it; later ones are known by other changes.
 
     Raises:
         NotFound: No phase that readers may see uses a split of this name.
@@ -50,7 +50,7 @@ def shown_revisions(session: Session, name: str) -> list[SplitRow]:
 
 
 def _last_with(wholes: Iterable[SplitRow]) -> dict[str | None, str]:
-    """Return which whole revision is the last one given that has a revision, its own or that of a part."""
+    """Map each revision, whole or part, to the last of these whole revisions that contains it."""
     return {
         each: row.revision
         for row in wholes
@@ -59,7 +59,7 @@ def _last_with(wholes: Iterable[SplitRow]) -> dict[str | None, str]:
 
 
 def shown_whole(session: Session, phase: Phase) -> SplitRow:
-    """Return the whole split of a phase as readers know it; of a hidden one that nobody knows, the newest."""
+    """Return the whole split of a phase that readers know; if they know none, the newest one."""
     split = session.get_one(SplitRow, (phase.split_name, phase.split_revision))
     if split.part is None:
         return split
@@ -83,9 +83,9 @@ def shown_revision(session: Session, name: str, revision: str | None) -> SplitRo
 
 
 def shown_file(session: Session, name: str, revision: str | None) -> SplitRow:
-    """Return the revision whose file readers ask for, by default the one in force.
+    """Return the public revision whose file is requested, by default the one in force.
 
-    Of a split that no phase uses, none is in force: it is the one that was registered last.
+    If no phase uses the split, the default is the one registered last.
 
     Raises:
         NotFound: There is none, readers do not know of it, or it is withheld.
@@ -100,7 +100,7 @@ def shown_file(session: Session, name: str, revision: str | None) -> SplitRow:
         row = find_split(session, name, revision)
         if row.public_file_digest is not None:
             return row
-    raise NotFound("split", name)  # in the words for one of hidden phases alone
+    raise NotFound("split", name)  # the same words as for a split of hidden phases only
 
 
 def is_kept_back(session: Session, name: str) -> bool:

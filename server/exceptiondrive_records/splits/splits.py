@@ -1,4 +1,4 @@
-"""What the server may know about a split: manifest and family sizes, never a region or a task."""
+"""Record what the server may know of a split: manifest and family sizes, never a region or task."""
 
 from collections.abc import Mapping
 from datetime import UTC
@@ -38,25 +38,25 @@ def register_split(
     changes: SplitChange | None = None,
     datasheet: Datasheet | None = None,
 ) -> SplitRow:
-    """Record a split revision; of one that is known, what is told about it is renewed.
+    """Record a split revision; for a known one, update its warnings, changes and datasheet.
 
     Args:
-        session: Of a write transaction.
+        session: Session of a write transaction.
         manifest: Public part of the split.
         family_counts: Samples that count per family; with `n_aside` they add up to all samples.
         actor: Who registers it.
         n_aside: Samples that are answered and do not count: controls and withdrawn ones.
         part: Set for a part of a split: its manifest names the samples of the whole, and the counts
-            are those of the part; which samples it holds is never recorded.
-        parts: Of a whole split with parts: the revision of each.
-        warnings: What lint doubts, by count.
-        changes: What readers are told of a later revision.
-        datasheet: What anyone may know of how it was made.
+            are those of the part; which samples it has is never recorded.
+        parts: The revisions of the parts of a whole split.
+        warnings: Warnings of lint, by count.
+        changes: Public description of what a later revision changes.
+        datasheet: Public account of how it was made.
 
     Raises:
         InvalidRecord: The counts do not add up, or the datasheet is of another split.
-        Conflict: The revision is known with another manifest, other counts or other parts, or it has no
-            parts though the split does.
+        Conflict: The revision is known with another manifest, other counts or other parts, or it
+            has no parts though the split does.
     """
     n_samples = sum(family_counts.values())
     n_named = len(manifest.sample_ids)
@@ -127,7 +127,7 @@ def publish_split(
 
     Raises:
         NotFound: No such split.
-        Conflict: It was published as another file.
+        Conflict: It was published with another file.
     """
     row = find_split(session, name, revision)
     if row.public_file_digest == file_digest:
@@ -144,7 +144,7 @@ def publish_split(
 
 
 def find_split(session: Session, name: str, revision: str | None = None) -> SplitRow:
-    """Return a split, by default the whole one that was registered last.
+    """Return a split revision, by default the whole one registered last.
 
     Raises:
         NotFound: There is none.
@@ -163,7 +163,7 @@ def find_split(session: Session, name: str, revision: str | None = None) -> Spli
 
 
 def whole_split(session: Session, name: str, revision: str) -> SplitRow:
-    """Return the whole split of a revision: of a part, the one registered last that has it.
+    """Return the whole split of a revision; for a part, the one registered last that has it.
 
     Raises:
         NotFound: There is none.
@@ -180,25 +180,25 @@ def whole_split(session: Session, name: str, revision: str) -> SplitRow:
 
 
 def part_revision(session: Session, name: str, revision: str, part: SplitPart | None) -> str | None:
-    """Return the revision of a part, or of the whole for None; None when it has no parts."""
+    """Return the revision of a part, or of the whole for None; None if it has no parts."""
     whole = whole_split(session, name, revision)
     parts = {"public": whole.public_revision, "private": whole.private_revision}
     return whole.revision if part is None else parts[part]
 
 
 def live_revision(session: Session, name: str, revision: str, live_part: LivePart) -> str:
-    """Return what a live board counts: the public part where there are parts, unless told."""
+    """Return the revision that a live board counts: as `live_part` says, if the split has parts."""
     public = part_revision(session, name, revision, "public") if live_part == "public" else None
     return public or whole_split(session, name, revision).revision
 
 
 def lock_split(session: Session, name: str) -> None:
-    """Lock a split, so that what is revealed of it is counted serially, until the transaction ends."""
+    """Lock a split until the transaction ends, so that what it reveals is counted serially."""
     session.execute(_LOCKED_REVISIONS, {"split": name}).all()
 
 
 def lock_split_last(session: Session, name: str) -> None:
-    """As `lock_split`, from the end of the write transaction on."""
+    """Defer `lock_split` to the end of the write transaction."""
     do_last(session, _LOCKED_REVISIONS, {"split": name}, is_shared=True)
 
 
@@ -209,7 +209,7 @@ def list_splits(session: Session) -> list[SplitRow]:
 
 
 def words_of_revision(split: SplitRow) -> str:
-    """Describe a revision of a split: its date, how many samples count, what its makers say."""
+    """Describe a split revision: its date, how many samples count, and its makers' words."""
     told = f": {split.changes.words}" if split.changes is not None else ""
     part = f" of the {split.part} part" if split.part is not None else ""
     day = f"{split.registered_at.astimezone(UTC):%Y-%m-%d %H:%M}"

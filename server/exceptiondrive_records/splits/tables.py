@@ -20,7 +20,7 @@ from exceptiondrive_schemas.split import Manifest
 
 
 class SplitRow(Base):
-    """What may be known of a split revision: its manifest and how large its families are."""
+    """The public facts about a split revision: its manifest and the sizes of its families."""
 
     __tablename__ = "splits"
     __table_args__ = (
@@ -34,21 +34,21 @@ class SplitRow(Base):
     family_counts: Mapped[dict[str, int]]
     n_samples: Mapped[int]
     public_file_digest: Mapped[str | None]
-    """Content digest of the whole split file, for development splits alone."""
+    """Content digest of the whole split file, set for development splits only."""
     registered_at: Mapped[datetime]
     part: Mapped[SplitPart | None] = mapped_column(String)
-    """None: all of it; else a part: its manifest names all samples, and `n_samples` and
-    `family_counts` are those of the part. Which samples it has is withheld."""
+    """None for the whole split. For a part, the manifest names all samples, and `n_samples` and
+    `family_counts` are those of the part; which samples it has is withheld."""
     public_revision: Mapped[str | None]
-    """Of a whole split with parts: its public part, which may be that of an earlier revision, too."""
+    """The public part of a whole split with parts; an earlier revision may have the same part."""
     private_revision: Mapped[str | None]
-    """As `public_revision`, the private part."""
+    """As `public_revision`, for the private part."""
     warnings: Mapped[SplitWarnings] = mapped_column(DocumentText(SplitWarnings))
-    """What lint doubts, by count; of a part: nothing."""
+    """Warnings of lint, by count; none for a part."""
     changes: Mapped[SplitChange | None] = mapped_column(DocumentText(SplitChange))
-    """What readers are told of a later revision; of a part: of its own samples."""
+    """Public description of what a later revision changes; for a part, about its samples only."""
     datasheet: Mapped[Datasheet | None] = mapped_column(DocumentText(Datasheet), deferred=True)
-    """How it was made, as far as anyone may know, where its makers say so."""
+    """Public account of how it was made, if its makers gave one."""
 
     @property
     def counts_private(self) -> bool:
@@ -85,14 +85,14 @@ class ConfirmationRow(Base):
     confirmation: Mapped[Confirmation] = mapped_column(DocumentText(Confirmation))
     confirmed_at: Mapped[datetime]
     withdrawn_at: Mapped[datetime | None]
-    """The row stays, so that whoever once read its signature cannot post it again."""
+    """The row stays, so that nobody who has read the signature can post it again."""
 
 
 class EntryDrawingsRow(Base):
-    """What is drawn of one scored submission.
+    """The drawings of one scored submission.
 
-    The database itself refuses a row whose split is not public: `public_file_digest` is never null
-    here, and the three columns of the split must be a row of `splits`.
+    The database itself refuses a row whose split is not public: `public_file_digest` is not
+    nullable here, and the three columns of the split are a foreign key to `splits`.
     """
 
     __tablename__ = "entry_drawings"
@@ -140,11 +140,11 @@ class SamplePictureRow(Base):
     """`source`, the original scene, or `edited`, the scene with hazard."""
     public_file_digest: Mapped[str]
     file_digest: Mapped[str]
-    """Of a JPEG in the file store."""
+    """Digest of a JPEG in the file store."""
     width_px: Mapped[int]
     height_px: Mapped[int]
     licence: Mapped[str]
-    """Under which it may be shown, in the operator's words."""
+    """The licence under which it may be shown, in the operator's words."""
     created_at: Mapped[datetime]
 
 

@@ -1,4 +1,4 @@
-"""A team's description of its submissions, editable at any time: name, text, links, facts.
+"""Edit a team's description of its submissions, at any time: name, text, links, facts.
 
 No board is altered: a new one shows the new name, and facts are joined to a board when it is read.
 """
@@ -34,23 +34,23 @@ from exceptiondrive_schemas.method_facts import (
 )
 
 MAX_EDITS_A_DAY = 50
-"""Of a team: each may ask for a new board."""
+"""Limit per team: each edit may request a new board."""
 
 
 def edit_submission(
     session: Session, submission_id: str, change: SubmissionChange, *, actor: str
 ) -> Submission:
-    """Change what a team says of a submission: the fields that were set, and no others.
+    """Change those descriptive fields of a submission that are set in `change`; keep the others.
 
-    A name is the method's: all its runs in the phase take it. Taking the name of another method of
-    the team makes one of both, which may change what stands on the board, so only until the deadline.
-    Quota, time and score stay as they are. What changes nothing leaves no trace.
+    A name belongs to the method, so all of its runs in the phase get it. The name of another method
+    of the team merges both, which may change the entry on the board, so it is allowed only until
+    the deadline. Quota, time and score stay. An edit without a change is not recorded.
 
     Raises:
         NotFound: No such submission.
         InvalidRecord: A text, link or name cannot be used.
-        Conflict: The name is that of another method and the deadline has passed, or the team has
-            edited enough today.
+        Conflict: The name is that of another method and the deadline has passed, or the team
+            reached its daily limit of edits.
     """
     submission = find_submission(session, submission_id)
     hold_team(session, submission.team_id)
@@ -137,7 +137,7 @@ def _require_free_name(
 
 
 def _require_edits_left(session: Session, team_id: int, now: datetime) -> None:
-    query = (  # a new name is a row of each run of the method, at one time
+    query = (  # renaming a method adds one row for each of its runs, with the same time
         select(func.count(SubmissionEdit.edited_at.distinct()))
         .join(Submission, Submission.id == SubmissionEdit.submission_id)
         .where(Submission.team_id == team_id, SubmissionEdit.edited_at > now - timedelta(days=1))
@@ -162,10 +162,10 @@ def edits_of(session: Session, submission_id: str) -> tuple[SubmissionEditView, 
 def facts_of_entries(
     session: Session, phase_id: str, submission_ids: Iterable[str | None]
 ) -> dict[str, EntryFacts]:
-    """Return what teams tell of entries now; who tells nothing and changed nothing is left out.
+    """Return the present facts of entries by submission; those without facts or edits are left out.
 
-    While a phase is anonymous nothing is told: facts name teams as links do. The submissions are
-    entries of one of its boards: what is on none is its team's alone.
+    It is empty while the phase is anonymous: facts, like links, may identify teams. The submissions
+    must be entries of a board of the phase: facts of others are visible to their team only.
     """
     phase = session.get(Phase, phase_id)
     if phase is None or is_anonymous(phase):
@@ -183,11 +183,11 @@ def facts_of_entries(
 
 
 class EditsOfPhase(NamedTuple):
-    """All edits of the submissions of a phase: any further one makes another of these."""
+    """A marker of all edits in a phase, which differs after every further edit."""
 
     newest_at: datetime | None
     n: int
-    """Of two that are made at once, the one that is seen later may bear the earlier time."""
+    """Number of edits: of two concurrent ones, the later committed may have the earlier time."""
 
 
 def edits_of_phase(session: Session, phase_id: str) -> EditsOfPhase:

@@ -35,10 +35,10 @@ _DIGEST = re.compile(r"sha256:([0-9a-f]{64})")
 _NAME = re.compile(r"[0-9a-f]{2}/([0-9a-f]{64})")
 LEAST_FREE_BYTES = 64 << 20
 LOW_ON_ROOM_BYTES = 1 << 30
-"""With less room than this operators are told; with less than 64 MiB uploads are refused."""
+"""Below this free space operators are warned; below 64 MiB uploads are refused."""
 _IN_MEMORY_BYTES = 1 << 20
 _RETRIES: "RetryConfig" = {"max_retries": 3, "retry_timeout": timedelta(seconds=10)}
-"""Of a store over the network: who asks has to hear soon that it is away, and asks again later."""
+"""For a store over the network: callers must learn soon that it is unavailable, and retry later."""
 
 
 class FileDamaged(StoreError):  # noqa: N818
@@ -62,7 +62,7 @@ class StoredFile:
     digest: str
     size_bytes: int
     changed_at: datetime
-    """When these bytes were last sent, by the store's clock."""
+    """When these bytes were last stored, by the store's clock."""
 
 
 class FileStore:
@@ -72,7 +72,7 @@ class FileStore:
         """Open the store; a missing folder is created.
 
         Raises:
-            StoreError: It cannot be made.
+            StoreError: The folder cannot be created.
         """
         self._folder = Path(unquote(urlsplit(url).path)) if url.startswith("file:") else None
         try:
@@ -88,11 +88,11 @@ class FileStore:
             ) from None
 
     def put_stream(self, chunks: Iterable[bytes], *, limit_bytes: int) -> tuple[str, int]:
-        """Store a file and return its digest and size in bytes; storing it again is free.
+        """Store a file and return its digest and size in bytes. Idempotent.
 
         Raises:
-            UploadTooLarge: More than `limit_bytes` came.
-            StoreError: There is no room to keep it meanwhile, or the store did not take it.
+            UploadTooLarge: It has more than `limit_bytes`.
+            StoreError: There is no temporary space for it, or the store did not accept it.
         """
         hashed = hashlib.sha256()
         size_bytes = 0
@@ -118,8 +118,8 @@ class FileStore:
         Raises:
             NotFound: No such file.
             UploadTooLarge: It is larger than `limit_bytes`.
-            FileDamaged: The bytes on the store have changed.
-            FileUnreadable: The store answers, but does not give it.
+            FileDamaged: The stored bytes do not match the digest.
+            FileUnreadable: The store answers, but cannot read it.
             StoreError: The store did not answer.
         """
         try:
@@ -147,7 +147,7 @@ class FileStore:
         return self.changed_at(digest) is not None
 
     def takes_files(self) -> bool:
-        """Whether the store answers and, where it is a folder, can be written and has room."""
+        """Whether the store answers and, if it is a folder, is writable and has room."""
         if not self._does_answer():
             return False
         return self._folder is None or (
@@ -155,11 +155,11 @@ class FileStore:
         )
 
     def has_room(self) -> bool:
-        """Whether storing another file leaves room for records and boards, if the store is a folder."""
+        """Whether another file leaves room for records and boards; True if the store is no folder."""
         return self._folder is None or (self.free_bytes() or 0) >= LEAST_FREE_BYTES
 
     def is_empty(self) -> bool:
-        """Whether the folder is empty, as a mount point without its volume; False if it may not be listed."""
+        """Whether the folder is empty, as a mount point without its volume; False if unreadable."""
         try:
             return self._folder is not None and not (
                 self._folder.is_dir() and any(self._folder.iterdir())
@@ -175,14 +175,14 @@ class FileStore:
         return True
 
     def free_bytes(self) -> int | None:
-        """Free space in bytes; None if the store is not a folder, or does not answer."""
+        """Return the free space in bytes; None if the store is no folder, or does not answer."""
         try:
             return None if self._folder is None else shutil.disk_usage(self._folder).free
         except OSError:
             return None
 
     def stored(self, folder: str | None = None) -> Iterator[StoredFile]:
-        """Yield every stored file, or those of a folder; in no order; whatever else lies there is left alone.
+        """Yield every stored file, or those of a folder, unordered; other files there are ignored.
 
         Raises:
             StoreError: The store did not answer.
@@ -198,7 +198,7 @@ class FileStore:
             raise StoreError("The file store does not answer; try again later.") from error
 
     def changed_at(self, digest: str) -> datetime | None:
-        """Return when a file was last stored, by the store's clock; None when it is not there.
+        """Return when a file was last stored, by the store's clock; None if it is not there.
 
         Raises:
             StoreError: The store did not answer.
@@ -212,7 +212,7 @@ class FileStore:
             raise StoreError("The file store does not answer; try again later.") from error
 
     def remove(self, digest: str) -> None:
-        """Remove a stored file that nothing mentions: `remove_orphan` alone asks that.
+        """Remove a stored file that no record mentions; only `remove_orphan` may call this.
 
         Raises:
             StoreError: The store did not answer.
@@ -225,12 +225,12 @@ class FileStore:
             raise StoreError("The file store does not answer; try again later.") from error
 
     def _require_place(self, *, has_files: bool = False) -> None:
-        """No file is missing where the whole folder or bucket is away: it may come back with all of them.
+        """Raise if the whole folder or bucket is unavailable: then no file counts as missing.
 
-        So may what was kept in a folder that is empty, as one is on which nothing is mounted.
+        With `has_files` that includes an empty folder, such as a mount point without its volume.
         """
         if self._folder is None:
-            # of a bucket that is not there no file is found either, but a list is refused: here of nothing
+            # HEAD does not tell a missing bucket from a missing file, but any listing fails then
             next(self.stored("none"), None)
         elif not self._folder.is_dir() or (has_files and self.is_empty()):
             raise StoreError("The file store does not answer; try again later.")
@@ -244,14 +244,14 @@ class FileStore:
                 obstore.put(self._store, key, spooled.read(), mode="create")
             except AlreadyExistsError:
                 self._heal(key, digest, spooled)
-            self._sync(key)  # whoever put it there may not have come so far
+            self._sync(key)  # another process may have put it, and not synced it
         except (BaseError, OSError) as error:
             raise StoreError("The file store does not take files now; try again later.") from error
 
     def _heal(self, key: str, digest: str, spooled: tempfile.SpooledTemporaryFile[bytes]) -> None:
         """Replace damaged bytes by the right ones, and renew the file's age.
 
-        Elsewhere than in a folder storing it again does both, and costs no more than reading it.
+        In other stores than folders, storing it again does both, and costs no more than reading it.
         """
         if self._folder is not None:
             path = self._folder / key
@@ -266,7 +266,7 @@ class FileStore:
         if self._folder is None:
             return
         subfolder = (self._folder / key).parent
-        with contextlib.suppress(FileExistsError, FileNotFoundError):  # obstore says what is wrong
+        with contextlib.suppress(FileExistsError, FileNotFoundError):  # obstore reports the problem
             subfolder.mkdir()
             subfolder.chmod(stat.S_IMODE(self._folder.stat().st_mode))
             self._give_to_owner(subfolder)
@@ -300,18 +300,18 @@ def _key(digest: str) -> str:
 
 
 def seems_unmounted(session: Session, files: FileStore) -> bool:
-    """Whether the upload folder is unexpectedly empty: new files would land beneath an unmounted volume."""
+    """Whether the upload folder is unexpectedly empty, as if its volume were not mounted."""
     return files.is_empty() and session.scalar(select(Submission.id).limit(1)) is not None
 
 
-_SWEEP_LOCK = 0x45447377  # any constant: uploads share it, a sweep has it alone (PostgreSQL)
+_SWEEP_LOCK = 0x45447377  # any constant: shared by uploads, exclusive for a sweep (PostgreSQL)
 
 
 def is_kept(session: Session, files: FileStore, file_digest: str) -> bool:
-    """Whether a stored file is there, and stays until the transaction that first mentions it ends.
+    """Whether a just stored file is still there; it then stays until this transaction ends.
 
-    The file has just been stored; a sweep may have taken it for an orphan a moment ago. SQLite has
-    one write transaction at a time, so no lock is needed there.
+    A sweep may have removed it as an orphan before its first record was written. SQLite has one
+    write transaction at a time, so no lock is needed there.
     """
     lock_store(session, alone=False)
     return files.holds(file_digest)

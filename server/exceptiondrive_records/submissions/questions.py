@@ -1,4 +1,4 @@
-"""The question to a team before an upload counts: which of its entries the upload replaces."""
+"""Ask a team before an upload counts which replaces one of its entries."""
 
 from sqlalchemy.orm import Session
 
@@ -13,7 +13,7 @@ from exceptiondrive_schemas.api.own_entries import replaced_entry, to_confirm
 from exceptiondrive_schemas.api.submission import SubmissionStatus, SubmissionView
 
 MAX_LOOKED_AT = 200
-"""So many of a team's newest scored submissions are looked through for the one that is replaced."""
+"""Maximum number of a team's newest scored submissions among which the replaced one is sought."""
 
 
 def entry_replaced_by(session: Session, submission: Submission) -> SubmissionView | None:
@@ -32,7 +32,7 @@ def entry_replaced_by(session: Session, submission: Submission) -> SubmissionVie
 
 
 def is_asked_anew(session: Session, asked: Submission) -> bool:
-    """Whether an upload would now replace another entry than its team was asked about, so must ask again."""
+    """Whether an upload now replaces another entry than its team was asked about; then ask again."""
     hold_team(session, asked.team_id)
     session.refresh(asked)
     report = asked.report

@@ -1,4 +1,4 @@
-"""The public keys of receipts, recorded when a key first signs and kept forever."""
+"""Record the public keys of receipts when a key first signs, and keep them forever."""
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session
@@ -9,7 +9,7 @@ from exceptiondrive_records.submissions.tables import ReceiptKeyRow
 
 
 def remember_receipt_key(session: Session, key_id: str, public_key: str) -> None:
-    """Record a public key, unless it is there; a new one leaves an audit line."""
+    """Record a public key, unless it is known; a new one leaves an audit line."""
     if session.get(ReceiptKeyRow, key_id) is not None:
         return
     now = database_now(session)

@@ -1,4 +1,4 @@
-"""How much has been revealed about a split: the submissions with sheets of it."""
+"""Count the submissions with sheets of a split, which measures how much was revealed about it."""
 
 from datetime import datetime, timedelta
 
@@ -25,7 +25,7 @@ _IS_SCORED = select(
 
 
 def _n_firsts(since: Moment | BindParameter[datetime]) -> Select[int]:
-    """Count submissions with their first sheet since then; reads only the sheets since then."""
+    """Count submissions whose first sheet was made since then, scanning only sheets since then."""
     earlier = aliased(ScoreSheetRow)
     had_one = exists().where(
         earlier.submission_id == ScoreSheetRow.submission_id,
@@ -46,7 +46,7 @@ _IS_ROOM = _N_FIRSTS_TODAY.scalar_subquery() < bindparam("most")
 
 
 def is_scored(session: Session, name: str, submission_id: str) -> bool:
-    """Whether a submission has a sheet of a split, at any revision; sheets stay for ever."""
+    """Whether a submission has a sheet of a split, at any revision; sheets stay forever."""
     given = {"split": name, "submission": submission_id}
     return bool(session.scalar(_IS_SCORED, given))
 
@@ -59,8 +59,8 @@ def has_sheets(session: Session, name: str) -> bool:
 def scored_within_a_day(session: Session, name: str, now: datetime, *, besides: str) -> int:
     """Count the submissions that got their first sheet of a split in the 24 hours before `now`.
 
-    Nothing that another role of the database may write counts: sheets alone, which only workers add
-    and nobody takes away. The split counts at any revision, the submission `besides` does not.
+    It relies only on sheets, which no database role but the workers' may add, and none may delete.
+    All revisions of the split count; the submission `besides` does not.
     """
     given = {"split": name, "besides": besides, "since": now - _A_DAY}
     return session.scalar(_N_FIRSTS_SINCE, given) or 0
@@ -69,9 +69,9 @@ def scored_within_a_day(session: Session, name: str, now: datetime, *, besides: 
 def require_room_last(
     session: Session, name: str, most: int, *, besides: str, refusal: Exception
 ) -> None:
-    """Keep this write transaction only if `scored_within_a_day` is less than `most` at its end.
+    """Commit this write transaction only if `scored_within_a_day` is less than `most` at its end.
 
-    Else `refusal` is raised. Who comes here has locked the split last.
+    Otherwise `refusal` is raised. The caller has called `lock_split_last`.
     """
     given = {"split": name, "besides": besides, "most": most}
     require_last(session, _IS_ROOM, given, refusal)

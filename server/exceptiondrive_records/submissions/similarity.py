@@ -1,4 +1,4 @@
-"""The organizers' report of similar submissions; workers compare them, this only reads."""
+"""Report similar submissions to organizers, and keep the workers' comparisons of them."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ from exceptiondrive_schemas.api.similarity import (
 
 MOST_PAIRS = 500
 PROBES_BEFORE_ALARM = 5
-"""So many submissions that change a few samples of another stand in the report and the audit log."""
+"""From so many submissions that change a few samples of another, they are reported and audited."""
 
 
 _HAS_SCORE = exists().where(ScoreSheetRow.submission_id == Submission.id)
@@ -42,7 +42,7 @@ class ScoredFile:
 def scored_files(session: Session, phase_id: str) -> list[ScoredFile]:
     """Return the submissions of a phase that ever had a score, in order of receipt.
 
-    Withdrawn ones too: what was read of them stays read.
+    This includes withdrawn ones: what their teams learned from the scores stays known.
     """
     query = (
         select(
@@ -67,7 +67,7 @@ def keep_alike(session: Session, submission_id: str, alike: Sequence[AlikeSubmis
 
 
 def _audit_alarm(session: Session, submission: Submission) -> None:
-    """Write an audit line about probing: at five submissions, and whenever they double."""
+    """Write an audit line about probing: at five submissions, and whenever their number doubles."""
     for found in similarity_report(session, submission.phase_id).probing:
         if submission.id in found.submissions:
             doublings = (found.n_submissions // PROBES_BEFORE_ALARM).bit_length() - 1
@@ -81,7 +81,7 @@ def _audit_alarm(session: Session, submission: Submission) -> None:
 
 
 def similarity_report(session: Session, phase_id: str) -> SimilarityReport:
-    """Return which submissions of a phase are alike, the nearest pairs first.
+    """Return the similar submissions of a phase, the nearest pairs first.
 
     Raises:
         NotFound: No such phase.
@@ -135,7 +135,7 @@ class _Known:
 
 
 def _equal_files(known: dict[str, _Known]) -> Iterator[AlikePair]:
-    """Pair each file with the first team that sent it, whatever became of it; once, where it was confirmed."""
+    """Pair each file with the first team that sent it, whatever its outcome; skip confirmed ones."""
     first: dict[str, _Known] = {}
     for each in known.values():
         if each.submission.confirmed_as is not None:
@@ -181,7 +181,7 @@ def _kind(found: AlikeSubmission) -> AlikeKind:
 def _find_probing(known: dict[str, _Known]) -> tuple[Probing, ...]:
     """Group submissions that differ in a few samples only, whichever teams sent them.
 
-    One team's share of a group is a group of its own, if that alone is enough for an alarm.
+    Probes of one team are joined into one group if they alone are enough for an alarm.
     """
     first_of = {name: name for name in known}
 

@@ -1,4 +1,4 @@
-"""Submissions: accepted in one transaction, and never lost afterwards."""
+"""Accept submissions, each in one transaction, never to be lost; confirm and withdraw them."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -63,14 +63,14 @@ _WITHOUT_A_SCORE = (SubmissionStatus.WITHDRAWN, SubmissionStatus.REJECTED, Submi
 def require_counterpart(
     session: Session, team_id: int, phase: Phase, linked_to: str | None
 ) -> None:
-    """Refuse a link of which no board will ever tell an effect, as far as that is known.
+    """Refuse a link for which no board can ever show an effect, as far as that is known.
 
-    One that another run replaces may stand again, and who may only submit is not told which stands.
+    A replaced one is accepted: it may return, and a submit-only sender must not learn which counts.
 
     Raises:
         InvalidRecord: The challenge links nothing, or the counterpart is of another phase.
         NotFound: The team has no such submission.
-        Conflict: The counterpart has no score and will not have one, or has reminder records of its own.
+        Conflict: The counterpart will never have a score, or has reminder records of its own.
     """
     if linked_to is None:
         return
@@ -100,7 +100,7 @@ def require_counterpart(
 
 
 def _linked_otherwise(first: Submission) -> Conflict:
-    """Return why the same bytes are refused with another link: an upload never changes a record silently."""
+    """Return the refusal of the same bytes with another link: an upload never changes a record."""
     link = "without a link" if first.linked_to is None else f"linked to {first.linked_to!r}"
     return Conflict(
         f"The same bytes were submitted before, as {first.id!r}, {link}: that submission stands, no "
@@ -139,10 +139,10 @@ def checked_facts(facts: MethodFacts) -> MethodFacts | None:
 def require_same_words(first: Submission, words: Mapping[str, object]) -> None:
     """Refuse the same bytes with another name, link, description or facts than the first time.
 
-    `words` is what came with them by column; what is empty was not said.
+    `words` are the new values by column; empty ones are ignored.
 
     Raises:
-        Conflict: They differ: they are changed by an edit, which keeps its history.
+        Conflict: They differ; only an edit, which keeps the history, can change them.
     """
     differs = [name for name, value in words.items() if value and value != getattr(first, name)]
     if differs:
@@ -157,7 +157,7 @@ def require_same_words(first: Submission, words: Mapping[str, object]) -> None:
 
 
 _SAME_BYTES_AGAIN = (SubmissionStatus.WITHDRAWN, SubmissionStatus.FAILED)
-"""After these the same bytes are a new submission."""
+"""Statuses after which the same bytes are a new submission."""
 _OF_TEAM = and_(Submission.team_id == bindparam("team"), Submission.phase_id == bindparam("phase"))
 _SAME_BYTES = select(Submission).where(
     _OF_TEAM,
@@ -171,18 +171,18 @@ _LAST_FACTS = (
     .limit(1)
 )
 KEYS_ARE_KEPT = timedelta(hours=24)
-"""So long an upload that is sent again is known by its `Idempotency-Key`."""
+"""How long a repeated upload is recognized by its `Idempotency-Key`."""
 LONGEST_CONFIRMATION = timedelta(hours=1)
-"""No confirmation that began in time is under way after so long."""
+"""Any confirmation that began in time has ended after so long."""
 LONGEST_UPLOAD = timedelta(minutes=15)
-"""An upload that takes longer is judged by its end: nobody holds a connection past the deadline."""
+"""A longer upload is judged by its end, so that nobody gains time by holding a connection open."""
 
 
 @dataclass(frozen=True)
 class Accepted:
-    """The outcome of `accept`; `job_id` is None for what was accepted before.
+    """The outcome of `accept`; `job_id` is None if it was accepted before.
 
-    The same upload, sent again with its key, is no duplicate: it gets the answer of the first time.
+    The same upload, repeated with its key, is no duplicate: it gets the answer of the first time.
     """
 
     submission: Submission
@@ -206,34 +206,34 @@ def accept(
     idempotency_key: str | None = None,
     asks_first: bool = False,
 ) -> Accepted:
-    """Accept an upload: submission, first job and audit line, or none of them.
+    """Accept an upload: record submission, first job and audit line, or none of them.
 
-    The same bytes of a team in a phase give the first submission again and cost nothing. Where that
-    one waits for the word of its team, they are the word: this one counts in its place.
+    The same bytes of a team in a phase return the first submission and cost nothing. If that one
+    waits for confirmation by its team, they confirm it: the new submission counts in its place.
 
     Args:
-        session: Of a write transaction.
+        session: Session of a write transaction.
         team_id: Owner.
         phase_id: Where it competes.
         method: Name of the method, part of the identity of its board entry.
         description: Free text.
         links: Where the method is described.
-        facts: Of the method; without any, those of the team's last run of it in the phase.
+        facts: Facts about the method; by default those of the team's last run of it in the phase.
         linked_to: The team's submission of the same agent without reminder, in this phase.
-        file_digest: Of the stored file, `sha256:` and 64 hex digits.
-        size_bytes: Of the stored file.
-        arrived_at: When its first byte came, by the database's clock: the deadline is judged by it,
-            unless the rest took longer than `LONGEST_UPLOAD`.
-        idempotency_key: What the sender names this upload: sent again it is the same submission,
-            whatever became of that meanwhile.
-        asks_first: Let it count only if its team need not be asked, as it takes the place of no entry
-            and would be ranked; else it is rejected with what is to be confirmed.
+        file_digest: Digest of the stored file, `sha256:` and 64 hex digits.
+        size_bytes: Size of the stored file.
+        arrived_at: When its first byte came, by the database's clock; this time must be within the
+            deadline, unless the rest took longer than `LONGEST_UPLOAD`.
+        idempotency_key: The sender's key of this upload: with it, a repetition returns the same
+            submission, whatever its outcome meanwhile.
+        asks_first: Let it count only if it replaces no entry and would be ranked; otherwise it is
+            rejected with questions that its team can confirm.
 
     Raises:
         NotFound: No such phase, or the team has no submission to link to.
         InvalidRecord: A text or link cannot be used.
-        Conflict: The counterpart has no score, the same bytes are there with other words, the
-            key names another upload, or the team was refused.
+        Conflict: The counterpart has no score, the same bytes were sent with other words, the key
+            belongs to another upload, or the team was refused.
         NotAllowed: The team waits for approval, is disqualified, or has not accepted the terms.
         PhaseClosed: The phase takes no submissions now.
         QuotaExceeded: The quota of the day, or the total one, is used up.
@@ -263,13 +263,13 @@ def accept(
     if first is not None and _gives_way(first, now, asks_first=asks_first):
         first.status, first.confirmed_as = SubmissionStatus.WITHDRAWN, new_id
         first.status_at = first.withdrawn_at = now
-        session.flush()  # two living submissions of the same bytes cannot be
+        session.flush()  # a unique index allows one active submission of the same bytes
     elif first is not None:
         if first.is_asked or first.status is not SubmissionStatus.REJECTED:
             require_same_words(first, words)
         is_same_upload = idempotency_key is not None and first.idempotency_key == idempotency_key
         return Accepted(first, is_duplicate=not is_same_upload, job_id=None)
-    if not words["facts"]:  # then those of the method's last file
+    if not words["facts"]:  # default to those of the method's last file
         of_method = {"team": team_id, "phase": phase.id, "method": words["method"]}
         words["facts"] = session.scalars(_LAST_FACTS, of_method).first()
     submission = Submission(
@@ -305,15 +305,15 @@ def accept(
 
 
 def confirm(session: Session, submission_id: str, *, actor: str) -> Submission:
-    """Confirm what a team was asked about, as a new submission with the same file and texts; idempotent.
+    """Confirm an upload as a new submission with the same file and texts. Idempotent.
 
-    The deadline is judged by the first byte of the file until `LONGEST_UPLOAD` after it, later by the
-    current time. The file is kept for an hour longer than it can be confirmed, so that a concurrent
-    confirmation does not lose it.
+    Until `LONGEST_UPLOAD` after its first byte, the time of that byte must be within the deadline,
+    later the current time. The file is kept for an hour longer than it can be confirmed, so that a
+    concurrent confirmation does not lose it.
 
     Raises:
         NotFound: No such submission.
-        Conflict: Nothing is asked of it, or the time to confirm has passed.
+        Conflict: It does not wait for confirmation, or the time to confirm has passed.
         RecordsError: It is refused as by `accept`.
     """
     asked = find_submission(session, submission_id)
@@ -361,15 +361,14 @@ def require_acceptable(
 ) -> tuple[Submission | None, datetime | None]:
     """Refuse an upload that cannot be accepted.
 
-    Called before a byte is stored, and again by `accept` under the lock of the team, which alone
-    makes quotas exact.
+    It is called before any byte is stored, and again by `accept` under the lock of the team,
+    without which quotas would not be exact.
 
-    Returns:
-        The team's first submission of the same bytes, if any, and the later deadline that it was granted
-        for a new one, unless a reveal has ended it.
+    Returns: The team's first submission of the same bytes, if any, and the later deadline granted
+        to the team, for a new one, unless a reveal has ended it.
 
     Raises:
-        RecordsError: As `accept`, but for texts and links.
+        RecordsError: As `accept`, except for texts and links.
     """
     require_approved(team)
     require_not_disqualified(session, team.id, phase, file_digest)
@@ -384,21 +383,21 @@ def require_acceptable(
     require_terms(session, team.id, phase)
     quota = quota_of(session, team.id, phase)
     _require_open(session, phase, quota.closes_at, arrival(session, phase, arrived_at, now))
-    require_quota(quota, is_sound=first is not None)  # its team was asked of what was read
+    require_quota(quota, is_sound=first is not None)  # it was read, and its team asked
     require_counterpart(session, team.id, phase, linked_to)
     has_ended = quota.closes_at is not None and is_revealed(session, phase)
     return first, None if has_ended else quota.closes_at
 
 
 def _gives_way(first: Submission, now: datetime, *, asks_first: bool) -> bool:
-    """Whether the same bytes count in its place: as the word of its team, or since that came too late."""
+    """Whether the same bytes replace it: they confirm it, or it can no longer be confirmed."""
     return first.is_asked and not (asks_first and first.can_be_confirmed(now))
 
 
 def arrival(session: Session, phase: Phase, arrived_at: datetime | None, now: datetime) -> datetime:
-    """Return the time by which an upload is judged: that of its first byte, or now if that is long ago.
+    """Return the time to compare with the deadline: the first byte's, or now if that is long ago.
 
-    It is also now if scores were revealed since the first byte: a slow upload could otherwise be
+    It is also now if scores were revealed since the first byte: otherwise a slow upload could be
     completed in knowledge of them.
     """
     if arrived_at is None or not now - LONGEST_UPLOAD <= arrived_at <= now:
@@ -416,11 +415,11 @@ def _score_under_both(
 
 
 def withdraw(session: Session, submission_id: str, *, actor: str) -> Submission:
-    """Withdraw a submission: it leaves the board, unfinished jobs end, quota stays used. Idempotent.
+    """Withdraw a submission: it leaves the board, open jobs end, quota stays used. Idempotent.
 
     Raises:
         NotFound: No such submission.
-        Conflict: It was rejected or has failed: there is nothing to withdraw.
+        Conflict: It was rejected or has failed, so there is nothing to withdraw.
     """
     lock_jobs(session, Job.submission_id == submission_id)
     submission = find_submission(session, submission_id, lock=True)
@@ -445,9 +444,9 @@ def find_submission(
     """Return a submission; with `team_id`, only if it is that team's.
 
     Raises:
-        NotFound: There is none, or it is not the team's: the answer is the same.
+        NotFound: There is none, or it is not the team's; the answer is the same.
     """
-    how = {"key_share": True} if lock else None  # rows that refer to it may be written meanwhile
+    how = {"key_share": True} if lock else None  # lets others write rows that refer to it
     submission = session.get(Submission, submission_id, with_for_update=how, populate_existing=lock)
     if submission is None or (team_id is not None and submission.team_id != team_id):
         raise NotFound("submission", submission_id)
@@ -473,10 +472,10 @@ def submission_page(
 ) -> tuple[list[Submission], str | None]:
     """Return a page of submissions, newest first, and the cursor of the next page, if any.
 
-    This page begins after the submission `after`.
+    The page begins after the submission `after`.
 
     Raises:
-        NotListed: `after` is no submission that could be listed.
+        NotListed: `after` is not in the list.
     """
     query = select(Submission).order_by(Submission.received_at.desc(), Submission.id.desc())
     if team_id is not None:
@@ -509,9 +508,9 @@ def counts_by_phase(session: Session) -> dict[str, int]:
 
 
 def keeps_its_file(session: Session) -> ColumnElement[bool]:
-    """Whether a submission mentions its file: not once the time to confirm it has long passed.
+    """Condition: a submission mentions its file; false over an hour after its time to confirm.
 
-    One that was confirmed or sent again has another in its place, which mentions the same file.
+    If it was confirmed or sent again, another one in its place mentions the same file.
     """
     until = Submission.confirm_until
     return until.is_(None) | (until > database_now(session) - LONGEST_CONFIRMATION)
@@ -528,7 +527,7 @@ def _same_upload(
     """Return the team's submission that was sent under this key, if any.
 
     Raises:
-        Conflict: The key names another upload.
+        Conflict: The key belongs to another upload.
     """
     if idempotency_key is None:
         return None
@@ -553,7 +552,7 @@ def _same_upload(
 def same_bytes(
     session: Session, team_id: int, phase_id: str, file_digest: str
 ) -> Submission | None:
-    """Return the team's submission of these bytes that stands; what failed or was withdrawn does not."""
+    """Return the team's submission of these bytes that has neither failed nor been withdrawn."""
     given = {"team": team_id, "phase": phase_id, "file": file_digest}
     return session.scalars(_SAME_BYTES, given).first()
 
@@ -581,7 +580,7 @@ def _require_open(
 
 
 def lock_jobs(session: Session, which: ColumnElement[bool]) -> None:
-    """Lock jobs in the order that every caller uses: by id, and before submissions."""
+    """Lock jobs by id, and before submissions: a common order of all callers avoids deadlocks."""
     session.execute(select(Job.id).where(which).order_by(Job.id).with_for_update())
 
 

@@ -59,28 +59,28 @@ class Submission(Base):
     linked_to: Mapped[str | None] = mapped_column(
         ForeignKey("submissions.id", deferrable=True, initially="DEFERRED")
     )
-    """The counterpart that its board entry is compared with."""
+    """The counterpart with which its board entry is compared."""
     arrived_at: Mapped[datetime | None]
-    """When its first byte came, where that was noted: the deadline is judged by it."""
+    """When its first byte came, if recorded; this time must be within the deadline."""
     granted_until: Mapped[datetime | None]
-    """A later deadline that its team was granted: what came before it is not late."""
+    """A later deadline granted to its team; before it, the submission is not late."""
     chosen_at: Mapped[datetime | None]
-    """When the team chose it for the board, or a rule for its method; the latest choice counts."""
+    """When the team chose it, or a rule for its method, for the board; the latest choice counts."""
     chosen_rule: Mapped[RunRule] = mapped_column(String, default="this")
-    """What was chosen then: this run, or the best or newest one of its method."""
+    """The choice: this run, or the best or newest one of its method."""
     idempotency_key: Mapped[str | None]
-    """What the team named the upload, so that one that is sent again is known."""
+    """The sender's key of the upload, by which a repetition is recognized."""
     asks_first: Mapped[bool] = mapped_column(default=False)
-    """It counts only if nothing has to be asked first: else it is rejected with the questions."""
+    """Whether it counts only if nothing needs confirmation; else it is rejected with questions."""
     confirm_until: Mapped[datetime | None]
-    """Until when its team may say yes to what was asked; an hour later its file is an orphan."""
+    """Until when its team may confirm it; an hour later its file is an orphan."""
     confirmed_as: Mapped[str | None]
-    """The submission that counts in its place, since the team said yes to what was asked."""
+    """The submission that counts in its place, after the team confirmed it."""
     published_at: Mapped[datetime | None]
     """When the team made it public, in a phase that keeps entries private."""
     facts: Mapped[MethodFacts | None] = mapped_column(DocumentText(MethodFacts))
     edited_at: Mapped[datetime | None]
-    """When the team last changed name, words, links or facts; `SubmissionEdit` says how."""
+    """When the team last edited name, description, links or facts; see `SubmissionEdit`."""
 
     @property
     def is_scored(self) -> bool:
@@ -89,11 +89,11 @@ class Submission(Base):
 
     @property
     def is_asked(self) -> bool:
-        """Whether its file is sound, and its team has or had to say yes before it counts."""
+        """Whether its file is valid, but counts only if its team confirms it, or had to."""
         return self.status is SubmissionStatus.REJECTED and self.confirm_until is not None
 
     def can_be_confirmed(self, now: datetime) -> bool:
-        """Whether its team may still say yes."""
+        """Whether its team may still confirm it."""
         return self.is_asked and self.confirm_until is not None and now < self.confirm_until
 
 
@@ -136,7 +136,7 @@ class ReceiptKeyRow(Base):
 
 
 class SimilarityRow(Base):
-    """A submission that was compared with all that were compared before it."""
+    """A submission that was compared with all submissions compared before it."""
 
     __tablename__ = "similarities"
     submission_id: Mapped[str] = mapped_column(ForeignKey("submissions.id"), primary_key=True)

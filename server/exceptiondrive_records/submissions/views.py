@@ -1,4 +1,4 @@
-"""Submissions as their team sees them, with queue position, score sheet and rank."""
+"""Read model of submissions as their team sees them, with queue position, score sheet and rank."""
 
 from collections.abc import Collection, Mapping, Sequence
 from datetime import datetime
@@ -76,14 +76,14 @@ _SHEETS = select(ScoreSheetRow).where(
 def view(session: Session, submission: Submission, *, is_duplicate: bool = False) -> SubmissionView:
     """Return a submission as its team sees it.
 
-    `is_duplicate`: these bytes came a second time.
+    `is_duplicate`: the same bytes were sent again.
     """
     (seen,) = views(session, [submission])
     return seen.model_copy(update={"is_duplicate": True}) if is_duplicate else seen
 
 
 def views(session: Session, submissions: Sequence[Submission]) -> tuple[SubmissionView, ...]:
-    """Return submissions as their teams see them, with one query of each kind for all of a phase."""
+    """Return submissions as their teams see them, with one query of each kind per phase."""
     now = database_now(session)
     teams = session.scalars(_TEAMS, {"teams": list({each.team_id for each in submissions})})
     team_of = {team.id: team for team in teams}
@@ -122,18 +122,18 @@ class _Seen:
 
     @cached_property
     def entries(self) -> Mapping[str, BoardEntry]:
-        """Of the current board."""
+        """The entries of the current board."""
         return entries_on(self._session, self.phase.current_board_id)
 
     @cached_property
     def sheets(self) -> Mapping[str, ScoreSheet]:
-        """Without those whose score is kept back."""
+        """The sheets, except of scores that are kept back."""
         told = [each for each in self._submissions if each.is_scored and not self.hides(each)]
         return published_sheets(self._session, self.phase, {each.id for each in told}, self.now)
 
     @cached_property
     def headline(self) -> Average:
-        """Which average ranks under the protocol of the sheets."""
+        """The average that ranks under the protocol of the sheets."""
         return find_protocol(self._session, self.phase.protocol_digest).grading.headline
 
     @cached_property
@@ -148,12 +148,12 @@ class _Seen:
 
     @cached_property
     def is_frozen(self) -> bool:
-        """Whether what comes in time is shown when the organizers reveal the board."""
+        """Whether the board is frozen, so that new entries are shown only after its reveal."""
         return frozen_since(self.phase, self.now) is not None
 
     @cached_property
     def is_board_coming(self) -> bool:
-        """Whether the board that will show what came in time is being built, or is there since the phase was read."""
+        """Whether a board with new entries is coming, or was shown since the phase was read."""
         if self.is_frozen:
             return False
         shown = select(Phase.current_board_id).where(Phase.id == self.phase.id)
@@ -185,17 +185,17 @@ class _Seen:
         return publishable(self._session, self.phase, private)
 
     def hides(self, submission: Submission) -> datetime | None:
-        """Since when a score is kept back."""
+        """Return since when a score is kept back; None if it is not."""
         return score_kept_back_since(self.phase, submission, self.now)
 
     def can_be_confirmed(self, submission: Submission) -> bool:
-        """Whether its team may still say yes, and the phase takes it then."""
+        """Whether its team may still confirm it, and the phase would accept that."""
         return submission.can_be_confirmed(self.now) and takes_confirmation(
             self._session, self.phase, submission, self.now
         )
 
     def report_of(self, asked: Submission) -> CheckReport | None:
-        """Return the report of what waits for a yes, with what its deadline means for that."""
+        """Return the report of an upload to be confirmed, with the consequences of its deadline."""
         report, ends, until = asked.report, deadline_of(self.phase, asked), asked.confirm_until
         if report is None or ends is None or until is None:
             return report
@@ -305,9 +305,9 @@ def _no_effect_because(submission: Submission, shown: BoardEntry | None, seen: _
 def queue_places(
     session: Session, submissions: Sequence[Submission], now: datetime
 ) -> dict[str, QueuePlace]:
-    """Return how many live jobs come before each in fair order now, and how long that may take.
+    """Return, by submission, how many live jobs come first in fair order, and the expected wait.
 
-    By the ids of submissions; left out are those that have ended.
+    Submissions that have ended are left out.
     """
     waiting = [each.id for each in submissions if not each.status.is_terminal]
     if not waiting:
@@ -336,10 +336,10 @@ def queue_places(
 def published_sheets(
     session: Session, phase: Phase, submission_ids: set[str], now: datetime
 ) -> dict[str, ScoreSheet]:
-    """Return the sheets under the protocol and split revision that the phase shows, as they may be.
+    """Return by submission the sheets under the key that the phase shows, as they may be shown.
 
-    By the ids of submissions. After a reveal of the split those of final entries alone: else a team
-    would learn which of its entries is the best on the private part.
+    After a reveal of the split only entries of the board have one: otherwise a team would learn
+    which of its submissions is the best on the private part.
     """
     board_id = phase.current_board_id
     if submission_ids and is_split_revealed(session, phase):
@@ -363,7 +363,7 @@ def recent_scoring_s(session: Session) -> float | None:
 
 
 def _expected_wait_s(scoring_s: float | None, position: int, alive: int) -> float | None:
-    """Time until a worker is free: `position` jobs come first, and workers run in parallel."""
+    """Estimate the time until a worker is free: `position` jobs come first, on parallel workers."""
     if scoring_s is None or alive == 0:
         return None
     return round(max(0, position - alive + 1) * scoring_s / alive, 1)

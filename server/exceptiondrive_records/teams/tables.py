@@ -12,7 +12,7 @@ from exceptiondrive_records.db.identifiers import skeleton
 
 
 class Team(Base):
-    """Owns submissions."""
+    """A team, which owns submissions."""
 
     __tablename__ = "teams"
     __table_args__ = (
@@ -24,31 +24,31 @@ class Team(Base):
     name_skeleton: Mapped[str] = mapped_column(
         unique=True, default=lambda made: skeleton(made.get_current_parameters()["name"])
     )
-    """The name as an eye reads it: no two teams stand on a board under the same one."""
+    """The skeleton of the name: unique, so that no two teams have names that look alike."""
     affiliation: Mapped[str] = mapped_column(default="")
-    """Where its people work or study, for organizers alone."""
+    """Where its people work or study; only organizers see it."""
     is_reference: Mapped[bool]
     created_at: Mapped[datetime]
     pending_since: Mapped[datetime | None]
-    """Registered itself then, and submits nothing until an organizer approves."""
+    """When it registered itself; set until an organizer approves it, which lets it submit."""
     registration_note: Mapped[str | None]
-    """Who they say they are, for organizers."""
+    """Who they say they are; only organizers see it."""
     forgotten_at: Mapped[datetime | None]
-    """Since then its name is an alias, told of it on every board, and nothing personal is kept."""
+    """When it was forgotten: since then its name is an alias, and personal data is deleted."""
     merged_into_id: Mapped[int | None] = mapped_column(
         ForeignKey("teams.id", deferrable=True, initially="DEFERRED")
     )
-    """The team that it became part of, with all that it sent."""
+    """The team into which it was merged, with all of its submissions."""
     registered_from: Mapped[str | None]
-    """Digest of the network that it registered itself from, until it is approved."""
+    """Digest of the network from which it registered itself; kept until it is approved."""
 
     @property
     def is_gone(self) -> bool:
-        """Whether it was forgotten or became part of another team: nobody acts or reads for it."""
+        """Whether it was forgotten or merged into another team: nobody acts or reads for it."""
         return self.forgotten_at is not None or self.merged_into_id is not None
 
     def require_there(self) -> None:
-        """Refuse what would let somebody act for a team that is gone.
+        """Refuse an action for a team that is gone.
 
         Raises:
             Conflict: It is gone.

@@ -1,4 +1,4 @@
-"""Teams: they own submissions."""
+"""Create, register, refuse and find teams, which own submissions."""
 
 import hashlib
 from collections.abc import Iterator
@@ -28,7 +28,7 @@ from exceptiondrive_records.teams.tables import SiteSetting, Team
 
 
 def teams_that_read(session: Session, phase_id: str | None = None) -> list[Team]:
-    """Return the teams that somebody reads for, in the order of their ids; of a phase those that submitted to it."""
+    """Return teams whose notices somebody reads, by id; for a phase, those that submitted to it."""
     query = select(Team).where(
         Team.pending_since.is_(None),
         Team.is_reference.is_(False),
@@ -68,7 +68,7 @@ def create_team(
 
 
 def require_free_name(session: Session, team: Team) -> None:
-    """Refuse the new name of a team that another one has, or that looks like another's.
+    """Refuse a new name of a team that equals, or looks like, that of another team.
 
     Raises:
         Conflict: There is one.
@@ -80,7 +80,7 @@ def require_free_name(session: Session, team: Team) -> None:
 
 
 def names_that_look_alike(session: Session) -> list[tuple[str, ...]]:
-    """Return names of existing teams that look alike, which new teams could not take."""
+    """Return groups of names of existing teams that look alike; new teams could not take them."""
     alike: dict[str, list[str]] = {}
     for name in session.scalars(select(Team.name).order_by(Team.id)):
         alike.setdefault(skeleton(name), []).append(name)
@@ -107,19 +107,19 @@ def list_teams(session: Session) -> list[Team]:
     return list(session.scalars(select(Team).order_by(Team.slug)))
 
 
-# Refused registrations: a team that never submitted goes, with everything that hung on it.
+# Refused registrations: a team that never submitted is deleted, with all rows that refer to it.
 
 
 def refuse_team(session: Session, slug: str, *, reason: str, actor: str) -> None:
-    """Refuse a team that waits for approval: its id and name are free again, its tokens gone.
+    """Refuse and delete a team that waits for approval: its id and name are free again.
 
-    Only audit lines stay: its own, and one of each member, who reads of it. Whatever table comes to
-    hold something of a team is emptied of it too, and of what hangs on that, since its foreign keys
-    say so; but for the tables of which the server may delete nothing, whose rows keep the team.
+    Only audit lines stay: its own, and one for each member, who is notified by it. Foreign keys
+    name the rows to delete, in every table, directly or indirectly of the team. Rows in tables in
+    which the server may not delete prevent the refusal.
 
     Raises:
         NotFound: There is no such team.
-        InvalidRecord: The reason cannot be kept.
+        InvalidRecord: The reason cannot be stored.
         Conflict: It was approved, has submitted, or was disqualified.
     """
     team = find_team(session, slug, lock=True)
@@ -151,22 +151,22 @@ def _of_team(key: ForeignKey, team_id: int) -> Iterator[ColumnElement[bool]]:
                 yield key.parent.in_(select(key.column).where(own.parent == team_id))
 
 
-# Teams that register themselves: they get a token at once, and submit when they are approved.
+# Self-registration of teams: they get a token at once, and may submit once they are approved.
 
 
 MAX_PENDING = 200
-"""More than organizers would read; beyond it registration waits for them."""
+"""Maximum number of teams that wait for approval, beyond which registrations are refused."""
 MAX_PENDING_OF_NETWORK = 20
 PLACE_LASTS = timedelta(days=3)
-"""A registration that nobody looked at for so long takes no place from others; it stays."""
+"""A registration that has waited for so long stays, but no longer counts towards the limits."""
 _NETWORK_BITS = {4: 16, 6: 32}
-"""Of an address, by version: what one provider has many of."""
+"""Prefix length by IP version: one provider has many addresses with the same prefix."""
 
 
 def register_team(
     session: Session, slug: str, name: str, note: str, *, address: str = ""
 ) -> tuple[str, Token, Team]:
-    """Make a team that waits for approval, and its first token, whose text is returned once.
+    """Create a team that waits for approval, and its first token, whose text is returned only here.
 
     Raises:
         InvalidRecord: A text cannot be used.
@@ -180,14 +180,14 @@ def register_team(
 def make_pending_team(
     session: Session, slug: str, name: str, note: str, *, actor: str, address: str = ""
 ) -> Team:
-    """Make a team that waits for approval.
+    """Create a team that waits for approval.
 
-    The note says who they are and how to reach them, for organizers alone. Of the address a digest
-    of its network is kept, until the team is approved.
+    The note tells organizers who they are and how to reach them. Only a digest of the network of
+    the address is stored, until the team is approved.
 
     Raises:
         InvalidRecord: A text cannot be used.
-        Conflict: Id or name is taken, or too many teams wait for approval, of all or of the network.
+        Conflict: Id or name is taken, or too many teams wait, in all or of the network.
     """
     network = _network_digest(address)
     hold_words(session, "places of teams that wait for approval")
@@ -224,14 +224,14 @@ NOT_APPROVED = "Your team is not approved yet; an organizer has to look at it fi
 
 
 def require_approved(team: Team) -> None:
-    """Refuse a submission of a team that waits for approval, or that no longer exists."""
+    """Refuse a submission of a team that waits for approval, or is gone."""
     if team.is_gone:
         raise NotAllowed("Your team was forgotten, or became part of another one, meanwhile.")
     if team.pending_since is not None:
         raise NotAllowed(NOT_APPROVED)
 
 
-# What operators switch while the server runs. Every change is an audit line.
+# Settings that operators switch while the server runs. Every change leaves an audit line.
 
 
 _SELF_REGISTRATION = "self_registration"
@@ -240,8 +240,8 @@ _SELF_REGISTRATION = "self_registration"
 def self_registration_is_on(session: Session, environment: bool | None) -> bool:
     """Whether teams may register themselves.
 
-    An `environment` of False forces it off, whatever operators switched; True switches it on until
-    they decide; None leaves it to them, off at first.
+    An `environment` of False forces it off, whatever operators switched; True is the default until
+    they switch it; None means off until they do.
     """
     if environment is False:
         return False

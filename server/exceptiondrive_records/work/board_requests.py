@@ -1,10 +1,10 @@
-"""Requests for boards, and when a build may begin: at once if all is scored, else rate-limited.
+"""Request boards, and decide when a build may begin: at once if all is scored, else rate-limited.
 
-The more entries a board has, the more it costs. While live submissions wait or are being scored, a
-board is built two seconds after the first score that it lacks, and not sooner after the last build
-than two seconds or several times what that build took. So boards keep the pace of readers, whose
-pages poll every three seconds, and leave workers to scoring. The last score of a rush triggers a
-build at once.
+The cost of a board grows with its entries. While live submissions wait or are being scored, a board
+is built two seconds after the first score that it lacks, and at least two seconds, or several times
+the duration of the last build, after that build. So boards keep up with readers, whose pages poll
+every three seconds, and leave workers free for scoring. The last score of a rush triggers a build
+at once.
 """
 
 from datetime import datetime
@@ -21,11 +21,11 @@ from exceptiondrive_records.work.tables import OPEN_STATES, BoardRequest
 from exceptiondrive_schemas.jobs import Lane
 
 LEAST_PAUSE_S = 2.0
-"""What is built in between is seen by few, and costs as much."""
+"""Few readers would see boards built in between, which cost as much."""
 PAUSE_FACTOR = 4
-"""In a rush the builds of a board take at most 1 / (1 + PAUSE_FACTOR) of one worker ..."""
+"""In a rush, builds of a board take at most 1 / (1 + PAUSE_FACTOR) of one worker ..."""
 LONGEST_PAUSE_S = 10.0
-"""... unless they take so long that readers would wait longer than this for the next one."""
+"""... unless readers would then wait longer than this for the next one."""
 
 
 def want_board(
@@ -33,7 +33,7 @@ def want_board(
 ) -> None:
     """Request, in this transaction, a new board of the phase under a protocol.
 
-    A draft board, which readers do not see, waits behind live work. Its entries were scored
+    A draft board, which readers do not see, waits until live work is done. Its entries were scored
     against `split_revision`, by default the one that the phase shows.
     """
     phase = session.get_one(Phase, phase_id)
@@ -63,7 +63,7 @@ def is_board_wanted(
 def board_begun_at(
     session: Session, phase_id: str, protocol_digest: str, split_revision: str
 ) -> datetime | None:
-    """Return when the last build of a board began; None: it was never begun."""
+    """Return when the last build of a board began; None if there was none."""
     key = _key(phase_id, protocol_digest, split_revision)
     return session.scalar(select(BoardRequest.leased_at).where(BoardRequest.key == key))
 
@@ -80,7 +80,7 @@ def _due_longest_first(lane: Lane) -> Select[str]:
 
 
 def finish_board(session: Session, request: BoardRequest) -> bool:
-    """End a build at the end of this transaction, as `finish_last`: every score updates its row."""
+    """End a build as `finish_last` does: its row is contended, as every score updates it."""
     return finish_last(session, request, pause_after)
 
 

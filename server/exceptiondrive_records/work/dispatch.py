@@ -1,10 +1,10 @@
-"""Dispatch: wakes workers through the broker. The records are the queue; a message only wakes.
+"""Wake workers through the broker. The records are the queue; a message only wakes.
 
 A message carries no state and belongs to no item: the worker that takes it claims the next item of
 its lane. So messages may be lost or duplicated. An upload sends one if none is waiting in the lane;
-a free worker takes it at once, and wakes others for what is left, at most one message a worker.
+a free worker takes it at once, and wakes others for remaining work, at most one message per worker.
 A message that the broker refuses is logged and dropped: the reconciler wakes again. For a moment
-after a failure none is sent, so that a dead broker does not slow every upload down.
+after a failure none is sent, so that a dead broker does not slow down every upload.
 """
 
 import time
@@ -40,7 +40,7 @@ _KINDS: dict[Lane, tuple[type[WorkItem], ...]] = {
     Lane.LIVE: (BoardRequest, Job, Profile),
     Lane.RESCORE: (BoardRequest, Job, Trial, Recheck),
 }
-"""What workers of a lane do."""
+"""The kinds of work in each lane."""
 
 
 def transport_options(*, socket_timeout_s: float = 5.0) -> dict[str, Any]:
@@ -55,7 +55,7 @@ def transport_options(*, socket_timeout_s: float = 5.0) -> dict[str, Any]:
         "health_check_interval": 10,
         "retry_on_timeout": True,
         "global_keyprefix": KEY_PREFIX,
-        "priority_steps": [0],  # a lane has no priorities: one list to look at, not four
+        "priority_steps": [0],  # lanes have no priorities: one list to poll, not four
         "max_connections": 20,
     }
 
@@ -92,9 +92,9 @@ class Dispatcher:
         self._quiet_until = 0.0
 
     def wake(self, lane: Lane, at_most: int = 1) -> bool:
-        """Fill a lane up to so many messages; return whether the broker has them.
+        """Fill a lane up to `at_most` messages; return whether the broker accepted them.
 
-        A concurrent caller may send one more, which then wakes a worker for nothing.
+        Concurrent callers may send more, which then wake a worker for nothing.
         """
         if time.monotonic() < self._quiet_until:
             return False
@@ -123,7 +123,7 @@ class Dispatcher:
 
 
 def wake_lanes(database: Database, dispatcher: Dispatcher, settings: RecordsSettings) -> int:
-    """Wake workers for all work that is due, at most one message a worker; return for how many items."""
+    """Wake workers for due work, at most one message per worker; return the number of items."""
     with database.read() as session:
         due = {
             lane: sum(session.execute(_number_due(lane, settings.max_attempts)).one())
@@ -142,7 +142,7 @@ def kinds_due(session: Session, lane: Lane, max_attempts: int) -> frozenset[type
 
 
 def mark_queued(session: Session) -> int:
-    """Show submissions for which a worker was woken as queued; return how many."""
+    """Set received submissions, for which workers were woken, to queued; return how many."""
     found = (
         select(Submission.id)
         .where(Submission.status == SubmissionStatus.RECEIVED)

@@ -1,4 +1,4 @@
-"""Fair share: whose job is scored next, decided when a worker becomes free, not before.
+"""Select the job to be scored next by fair share, when a worker becomes free, not before.
 
 The team with the fewest running jobs comes first, then the one served longest ago, then the one whose
 file has waited longest; within a team, the file that has waited longest. So a flood from one team
@@ -22,14 +22,14 @@ _RUNS = and_(Job.state == WorkState.LEASED, Job.lease_until >= NOW)
 LIVE_WORK_OPEN = exists().where(
     Job.lane == Lane.LIVE, Job.state.in_(CLAIMED_FROM), or_(_WAITS_NOW, _RUNS)
 )
-"""Condition: a live job waits for a worker now, or is being scored under a lease that holds."""
+"""Condition: a live job waits for a worker now, or is being scored under a valid lease."""
 _N_LIVE_RUNNING = select(func.count(Job.id)).where(Job.lane == Lane.LIVE, _RUNS)
 _IS_LIVE_JOB_WAITING = select(exists().where(Job.lane == Lane.LIVE, _WAITS_NOW))
 _IS_LIVE_WORK_OPEN = select(LIVE_WORK_OPEN)
 
 
 def waits(lane: Lane) -> ColumnElement[bool]:
-    """Condition on `Job`: of this lane, free and due."""
+    """Condition on `Job`: it is in this lane, free and due."""
     return and_(Job.lane == lane, is_claimable(Job, NOW))
 
 
@@ -38,8 +38,8 @@ def fair_order(
 ) -> Select[str]:
     """Select the ids of waiting jobs in the order of scoring.
 
-    `waiting` is a condition on `Job` (`waits`). `firsts_alone` selects each team's oldest job, among
-    which is the next of all; finding it then costs as much as there are teams, not jobs.
+    `waiting` is a condition on `Job` (`waits`). `firsts_alone` selects only each team's oldest job,
+    one of which is the next of all; the cost then grows with the number of teams, not of jobs.
     """
     one = aliased(Job) if firsts_alone else Job
     place = func.row_number().over(
@@ -52,7 +52,7 @@ def fair_order(
         queue = rows.select_from(Team).join(one, one.id == oldest.scalar_subquery()).cte()
     else:
         queue = rows.where(waiting).cte()
-    # PostgreSQL would ask what a CTE says once for each row beside it, as it expects one such row.
+    # MATERIALIZED: PostgreSQL would expect one row, and evaluate a CTE again for each joined row.
     running = (
         select(Job.team_id, func.count(Job.id).label("number"))
         .where(Job.lane == lane, _RUNS)
@@ -63,7 +63,7 @@ def fair_order(
     taken = aliased(Job)
     of_team = and_(taken.team_id == queue.c.team_id, taken.lane == lane)
     served_at = select(func.max(taken.leased_at)).where(of_team).scalar_subquery()
-    share = (  # one row a team, not one a job: a flood has thousands
+    share = (  # one row per team, not per job: a flood has thousands
         select(
             queue.c.team_id,
             served_at.label("served_at"),
@@ -79,7 +79,7 @@ def fair_order(
         .join(queue, queue.c.team_id == share.c.team_id)
         .join(Job, Job.id == queue.c.id)
         .outerjoin(running, running.c.team_id == queue.c.team_id)
-        .where(waiting)  # once more: another transaction may have changed it before the lock
+        .where(waiting)  # again: another transaction may have changed it before the lock
         .order_by(
             func.coalesce(running.c.number, 0) + queue.c.place,
             share.c.served_at.asc().nulls_first(),
@@ -90,7 +90,7 @@ def fair_order(
 
 
 def jobs_ahead(session: Session, jobs: Iterable[Job]) -> dict[str, int]:
-    """Return, by id of these waiting jobs, how many live jobs run or come first."""
+    """Return, for each of these waiting jobs by id, how many live jobs run or come first."""
     place = {job_id: n for n, job_id in enumerate(session.scalars(_live_order()))}
     n_running = session.scalar(_N_LIVE_RUNNING) or 0
     return {job.id: n_running + place.get(job.id, len(place)) for job in jobs}
@@ -107,5 +107,5 @@ def is_live_job_waiting(session: Session) -> bool:
 
 
 def is_live_work_open(session: Session) -> bool:
-    """Whether a live job waits for a worker now, or is being scored under a lease that holds."""
+    """Whether a live job waits for a worker now, or is being scored under a valid lease."""
     return bool(session.scalar(_IS_LIVE_WORK_OPEN))

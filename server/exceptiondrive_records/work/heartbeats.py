@@ -1,4 +1,4 @@
-"""Heartbeats of workers: each says until when its worker counts as alive."""
+"""Record heartbeats of workers, each with the time until which its worker counts as alive."""
 
 from collections.abc import Sequence
 
@@ -13,9 +13,9 @@ from exceptiondrive_schemas.jobs import Lane
 
 HEARTBEAT_TTL_S = 15.0
 _SCORER_COUNTS_FOR_S = 3600.0
-"""A newer scorer that was killed keeps older ones away for so long."""
+"""After a newer scorer was killed, older ones may not score for so long."""
 MISSED_FOR_S = 120.0
-"""A worker that fell silent is missed for so long; then it counts as gone."""
+"""A worker without heartbeats is reported as missing for so long; then it counts as gone."""
 
 
 _LIVES = and_(WorkerHeartbeat.lives_until > NOW, WorkerHeartbeat.at < SET_BACK)
@@ -37,7 +37,7 @@ def beat(
     missing_splits: Sequence[str] = (),
     ttl_s: float = HEARTBEAT_TTL_S,
 ) -> None:
-    """Record a heartbeat, valid for `ttl_s`; remove workers that are long gone."""
+    """Record a heartbeat, valid for `ttl_s`; delete those over an hour old."""
     values = {
         "worker_id": worker_id,
         "lanes": [lane.value for lane in lanes],
@@ -54,9 +54,9 @@ def beat(
 def live_workers(
     session: Session, lane: Lane = Lane.LIVE, split: tuple[str, str] | None = None
 ) -> int:
-    """Return how many workers of a lane live; each does one thing at a time.
+    """Return how many workers of a lane are alive; each does one item at a time.
 
-    Of a split, which is a name and a revision, those that can use it.
+    With `split`, a name and a revision, only workers that can use it count.
     """
     names = set() if split is None else {split[0], "@".join(split)}
     found = session.execute(_LIVING)
@@ -64,9 +64,9 @@ def live_workers(
 
 
 def missing_splits(session: Session) -> dict[str, bool]:
-    """Return the splits that a living worker cannot use, or as `name@revision` not that one.
+    """Return the splits, or as `name@revision` the revisions, that some live worker cannot use.
 
-    Each with whether what is scored against it waits: no worker of the live lane can use it.
+    Each has whether its scoring waits, as no worker of the live lane can use it.
     """
     living = [(lanes, set(lacks)) for lanes, lacks in session.execute(_LIVING)]
     splits = sorted({split for _, lacks in living for split in lacks})
@@ -78,13 +78,13 @@ def missing_splits(session: Session) -> dict[str, bool]:
 
 
 def scorers_at_work(session: Session) -> list[str]:
-    """Return the scorer versions on the list of workers, the newest last."""
+    """Return the scorer versions of workers with a heartbeat in the last hour, newest last."""
     found = session.scalars(_SCORERS)
     return sorted((version for version in found if version is not None), key=_numbers)
 
 
 def newer_scorer(session: Session, version: str) -> str | None:
-    """Return the newest scorer version on the list of workers, if it is newer than `version`."""
+    """Return the newest of `scorers_at_work`, if it is newer than `version`."""
     newest = max(scorers_at_work(session), key=_numbers, default=version)
     return newest if _numbers(newest) > _numbers(version) else None
 
@@ -94,5 +94,5 @@ def _numbers(version: str) -> tuple[int, ...]:
 
 
 def forget_worker(session: Session, worker_id: str) -> None:
-    """Remove a worker that shuts down cleanly from the list."""
+    """Delete the heartbeat of a worker that shuts down cleanly."""
     session.execute(delete(WorkerHeartbeat).where(WorkerHeartbeat.worker_id == worker_id))

@@ -1,4 +1,4 @@
-"""Scoring jobs, claimed in fair order; score, status, audit line and board request commit together."""
+"""Claim scoring jobs in fair order; commit score, status, audit line and board request at once."""
 
 from datetime import datetime, timedelta
 from functools import lru_cache
@@ -49,7 +49,7 @@ _PHASE_AND_KEPT_DIGEST = (
 )
 _NEW_SHEET = insert(ScoreSheetRow).values(created_at=NOW)
 CONFIRM_WITHIN = timedelta(hours=24)
-"""For so long a file waits for the word of its team."""
+"""How long a file waits for confirmation by its team."""
 EXHAUSTED_CODE = "attempts_exhausted"
 EXHAUSTED_MESSAGE = (
     "Scoring did not finish in any of its attempts. The organizers see this; your quota is "
@@ -87,11 +87,11 @@ def claim_job(
 ) -> Job | None:
     """Claim the next job of a lane in fair order; None if none is free.
 
-    The lease is longer than the hard limit of a scoring run. After `max_attempts` the reconciler
-    gives a job up. `which` are conditions on `Job`, for a worker that cannot score all of them.
+    The lease is longer than the hard time limit of scoring. After `max_attempts` the reconciler
+    gives up a job. `which` are conditions on `Job`, for a worker that cannot score all of them.
     """
     job = claim(session, Job, _in_fair_order(lane, max_attempts, True, *which), lease_s)
-    if job is None:  # others may have locked the first of each team: their next ones wait behind
+    if job is None:  # others may have locked each team's first job: try later ones
         job = claim(session, Job, _in_fair_order(lane, max_attempts, False, *which), lease_s)
     if job is not None and job.is_first:
         _set_status(session, job.submission_id, SubmissionStatus.SCORING)
@@ -117,9 +117,9 @@ def finish_scored(
 ) -> bool:
     """Record a score sheet: job, sheet, status, audit line and board request, or none of them.
 
-    The sheet is rounded for publication. The unrounded one, whose digest is told, stays with the
-    worker, and so do the measurements of `measurement_key`, in its private store. As all that finishes,
-    it says whether the lease was still held: otherwise nothing was recorded.
+    The sheet is rounded for publication. The unrounded one, of which only the digest is recorded,
+    and the measurements of `measurement_key` stay in the worker's private store. Like every
+    `finish_...`, it returns whether the lease was still held; otherwise nothing was recorded.
     """
     if not finish(session, job):
         return False
@@ -143,7 +143,7 @@ def finish_scored(
     if job.is_first:
         _set_status(session, job.submission_id, SubmissionStatus.SCORED)
     is_shown = key == (phase.protocol_digest, phase.split_revision)
-    if job.is_first or is_shown:  # a draft's board is asked for once, at its end
+    if job.is_first or is_shown:  # a draft board is requested once, when all is scored
         want_board(session, phase.id, job.protocol_digest, job.split_revision)
     detail = {"protocol": job.protocol_digest, "exact_digest": exact_digest}
     audit(session, _ACTOR, "submission scored", job.submission_id, detail)
@@ -175,11 +175,11 @@ def finish_failed(
     max_attempts: int = 4,
     backoff_s: float = 2.0,
 ) -> bool:
-    """Record that scoring failed on our side: retry after a pause, or give up.
+    """Record that scoring failed on our side: retry with exponential backoff, or give up.
 
-    Code and message are fit for the team, the message one sentence: never a traceback, path or
-    geometry. `counts`: this was an attempt at all; while what scoring needs is away, jobs
-    wait. The wait before the second attempt is `backoff_s`, and doubles each time.
+    The team sees code and message, which is one sentence: no traceback, path or geometry. `counts`
+    is False if this was no attempt, as something that scoring needs is unavailable: jobs then
+    wait. The pause before the second attempt is `backoff_s`, and doubles each time.
     """
     detail = {"code": code, "attempt": job.attempts}
     if retry and not (counts and job.attempts >= max_attempts):
@@ -200,7 +200,7 @@ def finish_failed(
 
 
 def give_up_exhausted(session: Session, max_attempts: int) -> int:
-    """Give up jobs whose last lease expired without an answer; return how many."""
+    """Give up jobs whose last attempt's lease expired without an answer; return how many."""
     dead = give_up(session, Job, max_attempts)
     for job in dead:
         if job.is_first:
@@ -211,7 +211,7 @@ def give_up_exhausted(session: Session, max_attempts: int) -> int:
 
 
 def queue_again(session: Session, *which: ColumnElement[bool]) -> None:
-    """Queue ended jobs again, with all their attempts and a new waiting time."""
+    """Queue ended jobs again, with all attempts restored and a new time of waiting."""
     now = database_now(session)
     query = select(Job).where(*which).order_by(Job.id).with_for_update()
     for job in session.scalars(query, execution_options={"populate_existing": True}):

@@ -1,7 +1,7 @@
-"""The lease: a worker claims a work item, and may finish it only while it still holds the lease.
+"""Leases on work items: a worker claims an item, and may finish it only while it holds the lease.
 
-Every step is one compare-and-set by the database's clock. Choosing and claiming is one statement, so
-that two concurrent workers take two different items, and neither waits for the other.
+Every step is one compare-and-set by the database's clock. Choosing and claiming is one statement,
+so that concurrent workers take different items, and none waits for another.
 """
 
 from collections.abc import Callable, Sequence
@@ -43,7 +43,7 @@ from exceptiondrive_schemas.jobs import Lane
 
 Item = TypeVar("Item", bound=WorkItem)
 CLAIMED_FROM = (WorkState.QUEUED, WorkState.LEASED)
-"""Asked for besides what is asked of each of them, so that an index leads past all that has ended."""
+"""A redundant condition on these states lets queries use an index that skips all ended items."""
 _IS_LEASED = WorkItem.state == WorkState.LEASED
 _RESTED_AT = seconds_from_now(bindparam("rests_s", type_=Double()))
 _RESTS_LONGER = and_(WorkItem.state == WorkState.DONE, WorkItem.available_at < _RESTED_AT)
@@ -105,8 +105,8 @@ def ask(
 ) -> None:
     """Request work at the end of this transaction, again if it was done before.
 
-    If it is being done now, it is done once more afterwards. If it was done before, it waits at least
-    `rests_s` from now.
+    If it is being done now, it is done once more afterwards. If it was done before, it waits for at
+    least `rests_s` from now.
     """
     how = upsert(session, kind, _NEW, _ASKED_AGAIN, takes=("lane",), keys=("kind", "key"))
     values = _new_values(kind, key, lane=lane) | columns | {"rests_s": rests_s}
@@ -121,7 +121,7 @@ def ask_once(
 
 
 def is_free(kind: type[WorkItem], now: Moment) -> ColumnElement[bool]:
-    """Condition: an item is free, as it waits or its lease has expired."""
+    """Condition: an item is free, because it waits or its lease has expired."""
     is_over = or_(kind.lease_until < now, kind.leased_at > SET_BACK)
     is_expired = and_(kind.state == WorkState.LEASED, is_over)
     return and_(kind.state.in_(CLAIMED_FROM), or_(kind.state == WorkState.QUEUED, is_expired))
@@ -135,9 +135,9 @@ def is_claimable(kind: type[WorkItem], now: Moment) -> ColumnElement[bool]:
 def claim(session: Session, kind: type[Item], first: Select[str], lease_s: float) -> Item | None:
     """Choose and claim an item in one statement; None if none is free.
 
-    `first` selects ids of free items at `NOW` in the order of work; a cached one lets the whole statement
-    be built once. The lease is longer than the work may take. The item is returned as claimed: its
-    fence is the proof of the lease.
+    `first` selects ids of free items at `NOW` in the order of work; if it is a cached object, the
+    whole statement is built only once. The lease is longer than the work may take. The item is
+    returned as claimed, and its fence proves the lease.
     """
     given = {"lease_s": lease_s}
     taken: Item | None = session.scalars(_claim_statement(kind, first), given).first()
@@ -148,7 +148,7 @@ def claim(session: Session, kind: type[Item], first: Select[str], lease_s: float
 
 @lru_cache
 def _claim_statement(kind: type[WorkItem], first: Select[str]) -> Any:
-    """Wrap the update in a select: the session would compile a bare update again each time."""
+    """Wrap the update in a select: the session would compile a bare update at each execution."""
     chosen = first.limit(1).with_for_update(of=kind, skip_locked=True)
     change = (
         update(kind)
@@ -168,7 +168,7 @@ def _claim_statement(kind: type[WorkItem], first: Select[str]) -> Any:
 def claim_oldest(
     session: Session, kind: type[Item], lease_s: float, max_attempts: int
 ) -> Item | None:
-    """Claim the item of a kind that was requested first, with fewer than so many attempts."""
+    """Claim the oldest item of a kind that has had fewer than `max_attempts`."""
     return claim(session, kind, _oldest_first(kind, max_attempts), lease_s)
 
 
@@ -184,25 +184,25 @@ def _oldest_first(kind: type[WorkItem], max_attempts: int) -> Select[str]:
 def finish(
     session: Session, item: WorkItem, state: WorkState = WorkState.DONE, *, note: str | None = None
 ) -> bool:
-    """End an item; if it was requested again meanwhile, it waits again. The note says why it failed.
+    """End an item; if it was requested again meanwhile, it waits again. `note` says why it failed.
 
-    Returns whether the lease was still held; if not, only the audit log was changed.
+    It returns whether the lease was still held; if not, only an audit line was written.
     """
     how = {"was_asked": item.asked, "ends_as": state.value, "note": note}
     return _leave_lease(session, item, _FINISH, rests_s=0.0, **how)
 
 
-class LeaseLost(Exception):  # noqa: N818 - nothing is wrong: another one does it now
-    """Another worker claimed the item before its end was recorded, so nothing was recorded."""
+class LeaseLost(Exception):  # noqa: N818 - no error: another worker does it now
+    """Another worker claimed the item before its end could be recorded, so nothing was recorded."""
 
 
 def finish_last(session: Session, item: WorkItem, pause_after: Callable[[float], float]) -> bool:
-    """End an item, as `finish`, at the end of this transaction, which is kept only while the lease is held.
+    """Defer `finish` to the end of this transaction, which is committed only if the lease is held.
 
-    `pause_after` tells, of the seconds that it took, how many it rests before it is done once more.
+    `pause_after` maps the seconds that the work took to the pause before it may be done again.
 
     Raises:
-        LeaseLost: At the end of the transaction.
+        LeaseLost: At the end of the transaction, if the lease was lost meanwhile.
     """
     claim = _claim_of(item)
     took_s = session.scalar(_HELD_FOR_S, claim)
@@ -219,20 +219,20 @@ def finish_last(session: Session, item: WorkItem, pause_after: Callable[[float],
 def try_later(
     session: Session, item: WorkItem, wait_s: float, *, counts: bool = True, note: str | None = None
 ) -> bool:
-    """Return an item for a later retry, as `finish`; `counts` says whether this was one of its attempts."""
+    """Return an item for a later retry; `counts` says whether this was one of its attempts."""
     given = {"state": WorkState.QUEUED, "attempts": item.attempts - (not counts), "note": note}
     return _leave_lease(session, item, _LEAVE, rests_s=wait_s, **given)
 
 
 def wait_before_next_s(item: WorkItem, first_s: float) -> float:
-    """Return the pause after a failed attempt: `first_s` after the first, doubling with each."""
+    """Return the backoff after a failed attempt: `first_s` after the first, doubling with each."""
     return first_s * 2.0 ** (item.attempts - 1)
 
 
 def give_up(
     session: Session, kind: type[Item], max_attempts: int, *which: ColumnElement[bool]
 ) -> Sequence[Item]:
-    """Give up items whose every attempt ended without an answer; return them."""
+    """Give up items all of whose attempts ended without an answer; return them."""
     now = database_now(session)
     is_exhausted = and_(kind.attempts >= max_attempts, is_free(kind, now))
     given_up = _end_statement(kind, WorkState.DEAD, now).where(is_exhausted, *which).returning(kind)
@@ -261,7 +261,7 @@ def _leave_lease(session: Session, item: WorkItem, how: Update, **given: object)
 
 
 def _tell_stale(session: Session, item: WorkItem) -> None:
-    """Write an audit line about a worker that came back after losing its lease."""
+    """Write an audit line about a worker that tried to record a result after losing its lease."""
     detail = {"item": item.id, "fence": item.fence}
     audit(session, "worker", "stale fence rejected", item.subject, detail)
 
@@ -271,7 +271,7 @@ def _claim_of(item: WorkItem) -> dict[str, Any]:
 
 
 def take_lead(session: Session, name: str, holder: str, lease_s: float) -> bool:
-    """Become or stay the leader; False while another holder's lease runs."""
+    """Become or stay the leader; return False while another holder's lease is valid."""
     made = (*_NEW, ("lease_until", NOW))
     insert_if_absent(session, Leader, made, **_new_values(Leader, name), holder=holder)
     is_over = or_(Leader.lease_until <= NOW, Leader.leased_at > SET_BACK)
@@ -287,14 +287,14 @@ def take_lead(session: Session, name: str, holder: str, lease_s: float) -> bool:
 
 
 def give_up_lead(session: Session, name: str, holder: str) -> None:
-    """Release leadership, so that another can lead at once."""
+    """Release leadership, so that another process can lead at once."""
     session.execute(delete(Leader).where(Leader.key == name, Leader.holder == holder))
 
 
 def _new_values(
     kind: type[WorkItem], key: str, *, lane: Lane | None = None, is_held: bool = False
 ) -> dict[str, Any]:
-    """The columns of a new item, except times and those specific to a kind."""
+    """Return the columns of a new item, except times and those specific to a kind."""
     return {
         "id": random_id(24),
         "kind": kind.__mapper__.polymorphic_identity,

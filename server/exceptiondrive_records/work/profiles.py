@@ -1,4 +1,4 @@
-"""Profiles of scored files (what their trajectories look like), computed when the team asks."""
+"""Profiles of scored files (how their trajectories look), computed when the team requests them."""
 
 from collections.abc import Iterable
 
@@ -40,9 +40,9 @@ def was_profile_asked_for(session: Session, submission_id: str) -> bool:
 def finish_profile(
     session: Session, item: Profile, report: CheckReport | None, *, note: str | None = None
 ) -> bool:
-    """Record what a file looks like; False when the lease was lost.
+    """Record the profile of a file; return False if the lease was lost.
 
-    Without a report it came to nothing, and the note says why.
+    Without a report the computation failed, and `note` says why.
     """
     if not finish(session, item, WorkState.DONE if report else WorkState.FAILED, note=note):
         return False

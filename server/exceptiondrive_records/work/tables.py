@@ -1,4 +1,4 @@
-"""The work table, a row for each item with its lease; and the heartbeats of workers."""
+"""The tables of work: one row for each item, with its lease; and heartbeats of workers."""
 
 from datetime import datetime
 from enum import StrEnum
@@ -17,14 +17,14 @@ class WorkState(StrEnum):
 
     QUEUED = "queued"
     HELD = "held"
-    """It waits for its rescoring run to go on."""
+    """It waits until its rescoring run continues."""
     LEASED = "leased"
     DONE = "done"
     FAILED = "failed"
     DEAD = "dead"
     """Every attempt ended without an answer."""
     CANCELLED = "cancelled"
-    """It was taken back first."""
+    """It was cancelled before it ended."""
 
     @property
     def is_final(self) -> bool:
@@ -45,13 +45,13 @@ NEEDED = {
     "lead": ("holder",),
     "delivery": ("notification_id", "contact_id"),
 }
-"""By kind, the columns that are never empty; other kinds leave them empty."""
+"""Columns that must not be null, by kind."""
 
 
 class WorkItem(Base):
-    """An item of work. Each kind is a class of its own; all of them share this lease.
+    """An item of work. Each kind has its own class; all share this lease.
 
-    A claim raises `fence`: whoever comes with an older one has lost the lease and changes nothing.
+    A claim increments `fence`; a worker with an older one has lost the lease, and changes nothing.
     """
 
     __tablename__ = "work"
@@ -71,28 +71,28 @@ class WorkItem(Base):
     id: Mapped[str] = mapped_column(primary_key=True)
     kind: Mapped[str]
     key: Mapped[str]
-    """Names what is to be done: asked for twice, it is one item."""
+    """Identifies the work: two requests with the same key are one item."""
     lane: Mapped[Lane | None] = mapped_column(enum_text(Lane))
-    """Which workers are woken for it; None: it needs none."""
+    """The lane whose workers are woken for it; None if it needs no worker."""
     state: Mapped[WorkState] = mapped_column(enum_text(WorkState))
     asked: Mapped[int]
-    """How often it was asked for: what is asked for while it is done is done once more."""
+    """Number of requests: if it grows while the work is being done, it is done once more."""
     attempts: Mapped[int]
     fence: Mapped[int]
     created_at: Mapped[datetime]
-    """Since when it waits, or waited: from when it was asked for, or queued again after its end."""
+    """Start of its waiting time: when it was first requested, or queued again after its end."""
     available_at: Mapped[datetime]
     leased_at: Mapped[datetime | None]
     lease_until: Mapped[datetime | None]
     finished_at: Mapped[datetime | None]
     took_s: Mapped[float | None]
-    """From the last claim to its end, by the database's clock."""
+    """Seconds from the last claim to its end, by the database's clock."""
     note: Mapped[str | None]
-    """Why the last attempt came to nothing."""
+    """Why the last attempt failed."""
 
     @property
     def subject(self) -> str:
-        """What the audit log calls it: its submission or its run, where it has one."""
+        """Its subject in the audit log: its submission or run, if it has one."""
         own = getattr(self, "submission_id", None) or getattr(self, "run_id", None)
         return own or f"{self.kind}:{self.key}"
 
@@ -103,13 +103,13 @@ class Job(WorkItem):
     __mapper_args__ = {"polymorphic_identity": "score"}  # noqa: RUF012
     submission_id: Mapped[str] = mapped_column(ForeignKey("submissions.id"), nullable=True)
     team_id: Mapped[int] = mapped_column(ForeignKey("teams.id"), nullable=True)
-    """Whose share of the workers it takes."""
+    """The team to whose fair share it counts."""
     protocol_digest: Mapped[str] = mapped_column(
         ForeignKey("protocols.digest"), nullable=True, use_existing_column=True
     )
     split_revision: Mapped[str] = mapped_column(nullable=True, use_existing_column=True)
     is_first: Mapped[bool] = mapped_column(nullable=True)
-    """The submission shows the fate of this job; a rescoring job leaves it untouched."""
+    """Whether the submission's status follows this job; rescoring jobs leave it unchanged."""
 
 
 class BoardRequest(WorkItem):
@@ -188,20 +188,20 @@ Index(
     postgresql_where=_OPEN,
 )
 IS_OPEN_JOB = Job.state.in_([literal_column("'queued'"), literal_column("'leased'")])
-"""Word for word the condition of `ix_work_turn`: an index of some rows serves no other question."""
+"""Exactly the condition of the partial index `ix_work_turn`: no other condition can use it."""
 
 
 class WorkerHeartbeat(Base):
-    """The last sign of life of a worker."""
+    """The last heartbeat of a worker."""
 
     __tablename__ = "worker_heartbeats"
     worker_id: Mapped[str] = mapped_column(primary_key=True)
     at: Mapped[datetime]
     lives_until: Mapped[datetime]
-    """It counts as living until then, if it gives no other."""
+    """Until when it counts as alive without a further heartbeat."""
     lanes: Mapped[list[str]]
     scorer_version: Mapped[str | None]
-    """Whose scores it makes; None: a release that did not say."""
+    """Version of its scorer; None for a release that did not report it."""
     missing_splits: Mapped[list[str]] = mapped_column(default=list)
-    """Splits in use of which it finds no file or reads no floors: names, and `name@revision` where that
-    revision was asked for in vain."""
+    """Splits in use whose file it does not find or whose floors it cannot read: names, or
+    `name@revision` if only that revision could not be found."""

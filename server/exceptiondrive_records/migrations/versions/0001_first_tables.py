@@ -1,4 +1,4 @@
-"""The first tables, by noun, and triggers that keep what is immutable."""
+"""Create the first tables, by noun, and triggers that keep immutable rows unchanged."""
 
 import sqlalchemy as sa
 from alembic import op
@@ -18,13 +18,13 @@ IMMUTABLE = (
     "split_openings",
     "submission_edits",
 )
-"""Nothing in these tables is ever overwritten, by whatever code, and nothing is deleted but by
-`_GO_WITH_PHASE` and `_GO_UNUSED`."""
+"""Triggers refuse every update of these tables, and deletions except for `_GO_WITH_PHASE` and
+`_GO_UNUSED`."""
 _GO_WITH_PHASE = ("boards", "board_flips")
-"""Rows that go when the row of their phase is gone, which foreign keys allow only while nothing was
+"""Rows deleted after the row of their phase, which foreign keys allow only while nothing was
 submitted or rescored in it."""
 _GO_UNUSED = ("protocols",)
-"""Rows that go while nothing refers to them: foreign keys keep the others."""
+"""Rows that may be deleted while nothing refers to them: foreign keys protect the others."""
 
 NEEDED_BY_KIND_OF_WORK = {
     "score": ("submission_id", "team_id", "protocol_digest", "split_revision", "is_first"),
@@ -41,7 +41,7 @@ OF_LIVING = sa.text("status NOT IN ('withdrawn', 'failed')")
 
 
 def goes_with(key: str) -> sa.ForeignKey:
-    """Return a reference to the row with which a row goes."""
+    """Return a foreign key with ON DELETE CASCADE."""
     return sa.ForeignKey(key, ondelete="CASCADE")
 
 
@@ -166,7 +166,7 @@ def create_accounts() -> None:
 
 
 def create_audit() -> None:
-    """Who did what."""
+    """The audit log."""
     op.create_table(
         "audit_lines",
         sa.Column("id", sa.Integer(), primary_key=True, autoincrement=False),
@@ -182,7 +182,7 @@ def create_audit() -> None:
 
 
 def create_protocols() -> None:
-    """Protocols, and the made-up sample drawn under each."""
+    """Protocols, and the drawing of an example sample under each."""
     op.create_table(
         "protocols",
         sa.Column("digest", sa.String(), primary_key=True),
@@ -200,7 +200,7 @@ def create_protocols() -> None:
 
 
 def create_splits() -> None:
-    """What may be known of a split revision."""
+    """The public facts about split revisions, and their confirmations, openings and pictures."""
     op.create_table(
         "splits",
         sa.Column("name", sa.String(), primary_key=True),
@@ -307,7 +307,7 @@ def create_phases() -> None:
 
 
 def create_submissions() -> None:
-    """Uploads, their scoring jobs and score sheets, and what is shown of an entry besides."""
+    """Uploads, their edits, score sheets and drawings, and their similarities."""
     op.create_table(
         "submissions",
         sa.Column("id", sa.String(), primary_key=True),
@@ -419,7 +419,7 @@ def create_submissions() -> None:
 
 
 def create_news() -> None:
-    """What organizers announce, and what teams ask them."""
+    """Announcements of organizers, and questions of teams."""
     op.create_table(
         "news",
         sa.Column("id", sa.String(), primary_key=True),
@@ -445,7 +445,7 @@ def create_news() -> None:
 
 
 def create_participation() -> None:
-    """What organizers do with teams."""
+    """Disqualifications, allowances and accepted terms of teams."""
     op.create_table(
         "disqualifications",
         sa.Column("id", sa.Integer(), primary_key=True),
@@ -479,7 +479,7 @@ def create_participation() -> None:
 
 
 def create_boards() -> None:
-    """Board snapshots with their entries, the moves of the pointer to the current one, and boards to be built."""
+    """Board snapshots with their entries, the history of the current board, and external boards."""
     op.create_table(
         "boards",
         sa.Column("id", sa.Integer(), primary_key=True),
@@ -528,7 +528,7 @@ def create_boards() -> None:
 
 
 def create_rescoring() -> None:
-    """Protocol updates, and verifications of kept sheets: runs all of them."""
+    """Rescoring runs: protocol updates and verifications of score sheets."""
     op.create_table(
         "rescoring_runs",
         sa.Column("id", sa.String(), primary_key=True),
@@ -560,7 +560,7 @@ def create_rescoring() -> None:
 
 
 def create_notifications() -> None:
-    """Inboxes, addresses outside, and the outbox."""
+    """Inboxes, and external addresses of teams."""
     op.create_table(
         "contact_points",
         sa.Column("id", sa.String(), primary_key=True),
@@ -594,7 +594,7 @@ def create_notifications() -> None:
 
 
 def create_operations() -> None:
-    """Running processes, receipt keys, and what organizers switch."""
+    """Running processes, receipt keys, and settings that organizers switch."""
     op.create_table(
         "worker_heartbeats",
         sa.Column("worker_id", sa.String(), primary_key=True),
@@ -619,7 +619,7 @@ def create_operations() -> None:
 
 
 def create_work() -> None:
-    """What is to be done: a row for each thing, whatever its kind, with the lease on it."""
+    """The work table: a row for each item of any kind, with its lease."""
     op.create_table(
         "work",
         sa.Column("id", sa.String(), primary_key=True),
