@@ -9,10 +9,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import timedelta
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 import pytest
-from sqlalchemy import select, update
+from sqlalchemy import Engine, event, select, update
 from tests.chaos.story import Lived, Story
 from typer.testing import CliRunner
 
@@ -188,6 +188,42 @@ def test_the_restored_records_go_on(
         assert session.get_one(BoardRow, number).id == number
         assert verify_audit(session).is_whole
     restored.dispose()
+
+
+def test_records_are_verified_as_of_one_moment(
+    lived: Lived, empty_database_url: str, tmp_path: Path
+) -> None:
+    """An upload that comes between two questions breaks nothing."""
+    write_backup(lived.database, lived.files, tmp_path / "backup.tar")
+    uploads = (tmp_path / "restored").as_uri()
+    restore_backup(tmp_path / "backup.tar", empty_database_url, FileStore(uploads))
+    restored, late = Database(empty_database_url), iter([True])
+
+    def upload_once(_connection: Any, _cursor: Any, statement: str, *_: Any) -> None:
+        is_of_jobs = "FROM work" in statement and "work.is_first" in statement
+        if is_of_jobs and next(late, None):
+            with restored.write() as session:
+                accept(
+                    session,
+                    team_id=1,
+                    phase_id="dev",
+                    method="late",
+                    file_digest="sha256:" + "a" * 64,
+                    size_bytes=1,
+                )
+
+    environment = {
+        "EXCEPTIONDRIVE_DATABASE_URL": empty_database_url,
+        "EXCEPTIONDRIVE_FILE_STORE_URL": uploads,
+    }
+    event.listen(Engine, "before_cursor_execute", upload_once)
+    try:
+        done = CliRunner().invoke(app, ["verify", "--no-uploads"], env=environment)
+    finally:
+        event.remove(Engine, "before_cursor_execute", upload_once)
+    restored.dispose()
+    assert next(late, None) is None
+    assert done.exit_code == 0, done.output
 
 
 def test_a_backup_is_of_one_moment_and_for_its_owner_alone(lived: Lived, tmp_path: Path) -> None:

@@ -56,16 +56,19 @@ from exceptiondrive_records.notifications.tables import Channel
 from exceptiondrive_records.operations.site import set_site_links, site_links
 from exceptiondrive_records.participation.allowances import set_allowance
 from exceptiondrive_records.participation.forgetting import forget_person, forget_team
+from exceptiondrive_records.phases.changes import update_phase
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.phases.terms import accept_terms, terms_version
 from exceptiondrive_records.rescoring.freeze import hold_running_deadlines, tell_teams
 from exceptiondrive_records.splits.confirmations import withdraw_confirmation
 from exceptiondrive_records.splits.splits import find_split
 from exceptiondrive_records.splits.tables import ConfirmationRow
+from exceptiondrive_records.submissions.submissions import accept
 from exceptiondrive_records.teams import teams
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.teams.teams import create_team, refuse_team, register_team
 from exceptiondrive_schemas.api.confirmation import Confirmation
+from exceptiondrive_schemas.api.phase_settings import PhaseChange
 from exceptiondrive_schemas.api.site import SiteLinks
 from exceptiondrive_schemas.split import SplitRef
 
@@ -462,6 +465,19 @@ def test_two_organizers_set_two_links_of_the_site_at_once(world: World) -> None:
         assert links.items() <= site_links(session).model_dump().items()
 
 
+def test_who_joins_by_two_clicks_at_once_has_joined(world: World) -> None:
+    with world.database.write() as session:
+        link, _ = invite(session, world.team_id, "Ada", actor="test")
+        eve = welcome_person(session, Identity("https://id.test", "eve")).id
+
+    def join(session: Session) -> None:
+        accept_invitation(session, link, eve, actor="test")
+
+    assert refusal(world.database, join, join) is None
+    with world.database.read() as session:
+        assert count_audit_lines(session, "member joined") == 1
+
+
 def test_who_joins_by_an_invitation_leaves_none_to_withdraw(world: World) -> None:
     with world.database.write() as session:
         link, invitation = invite(session, world.team_id, "Ada", actor="token:x")
@@ -492,6 +508,27 @@ def test_who_revokes_a_token_while_somebody_joins_by_its_invitation_ends_the_tok
     with world.database.read() as session:
         assert session.get_one(Token, token_id).revoked_at is not None
         assert count_audit_lines(session, "invitation withdrawn") == 0
+
+
+def test_what_teams_are_promised_holds_for_an_upload_of_this_moment(world: World) -> None:
+    """Else one scored on a part of the split that counts no longer would stand on no board."""
+    change = PhaseChange.model_validate({"policy": {"anonymous": True}})
+
+    def upload(session: Session) -> None:
+        accept(
+            session,
+            team_id=world.team_id,
+            phase_id="dev",
+            method="Planner",
+            file_digest="sha256:" + "a" * 64,
+            size_bytes=1,
+        )
+
+    refused = refusal(
+        world.database, upload, lambda session: update_phase(session, "dev", change, actor="test")
+    )
+    assert isinstance(refused, Conflict)
+    assert "The phase has submissions" in str(refused)
 
 
 def test_a_reveal_goes_past_a_team_that_is_refused_at_this_moment(world: World) -> None:

@@ -6,6 +6,7 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 from sqlalchemy import select, text, update
 from sqlalchemy.exc import OperationalError
+from sqlalchemy.orm import Session
 from tests.records.world import World
 from tests.support.databases import POSTGRES_ALONE, wait_until_it_waits
 
@@ -168,6 +169,35 @@ def test_a_score_and_its_board_request_wait_for_nobody_who_holds_the_phase(world
         session.execute(text("SET LOCAL lock_timeout = '2s'"))
         want_board(session, "dev", world.protocol_digest)
         want_board(session, "dev", world.protocol_digest)  # the row is written a second time
+
+
+@POSTGRES_ALONE
+def test_who_asks_for_several_boards_asks_in_the_order_of_all_others(world: World) -> None:
+    with world.database.write() as session:
+        create_phase(
+            session,
+            NewPhase(id="other", challenge=PLANNING.id, title="O", split="sample", protocol="1.0"),
+            actor="test",
+        )
+
+    def ask(*phase_ids: str) -> None:
+        with world.database.write() as session:
+            for phase_id in phase_ids:
+                want_board(session, phase_id, world.protocol_digest)
+
+    def hold(session: Session, phase_id: str) -> None:
+        of_phase = select(BoardRequest.id).where(BoardRequest.phase_id == phase_id)
+        session.execute(of_phase.with_for_update())
+
+    with ThreadPoolExecutor() as pool:
+        with world.database.write() as of_other:
+            hold(of_other, "other")
+            with world.database.write() as of_dev:
+                hold(of_dev, "dev")
+                asking = [pool.submit(ask, "dev", "other"), pool.submit(ask, "other", "dev")]
+                wait_until_it_waits(world.database, lambda: False, n_waiting=2)
+        for each in asking:
+            each.result()
 
 
 @POSTGRES_ALONE

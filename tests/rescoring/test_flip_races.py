@@ -15,11 +15,12 @@ from exceptiondrive_records.notifications.tables import Notification
 from exceptiondrive_records.operations.invariants import violations
 from exceptiondrive_records.participation.forgetting import forget_team
 from exceptiondrive_records.phases.scoring_keys import is_of_key, new_key
+from exceptiondrive_records.rescoring.fan_out import tend_runs
 from exceptiondrive_records.rescoring.runs import find_run
 from exceptiondrive_records.submissions.submissions import find_submission, withdraw
 from exceptiondrive_records.submissions.tables import ScoreSheetRow
 from exceptiondrive_records.teams.teams import create_team
-from exceptiondrive_records.work.tables import Job
+from exceptiondrive_records.work.tables import Job, WorkState
 from exceptiondrive_schemas.api.submission import SubmissionStatus
 
 Stage = Any
@@ -128,3 +129,30 @@ def test_an_upload_that_began_while_a_run_was_paused_holds_up_no_run_that_goes_o
     assert resumed
     assert stage.view(run_id).state.value == "ready"
     assert whole(stage)
+
+
+@POSTGRES_ALONE
+@pytest.mark.parametrize("what", ["pause", "cancel"])
+def test_a_step_of_a_run_takes_its_jobs_in_the_order_of_all_others(
+    stage: Stage, make_protocol: Callable[..., str], what: str
+) -> None:
+    stage.add_protocol(make_protocol("1.1", *D_SAFE))
+    run_id = stage.draft(protocol="1.1")
+    stage.step("start", run_id)
+    tend_runs(stage.reconciler, 4)
+    waiting = select(Job.id).where(Job.state == WorkState.QUEUED)
+    with stage.owner.write() as session:
+        lie = session.scalars(waiting).all()
+        assert len(lie) == 3
+        session.execute(update(Job).where(Job.id == lie[-1]).values(id="0"))  # lies last now
+
+    def take(session: Any, job_id: str) -> None:
+        session.execute(select(Job.id).where(Job.id == job_id).with_for_update())
+
+    with ThreadPoolExecutor() as pool:
+        with stage.owner.write() as other:  # as a merge of teams takes them
+            take(other, "0")
+            step = pool.submit(stage.step, what, run_id)
+            wait_until_it_waits(stage.owner, step.done)
+            take(other, max(lie[:-1]))
+        step.result()

@@ -273,8 +273,10 @@ def _set_read_only(database: Database, is_so: bool) -> None:
     database.engine.dispose()  # connections that are made from now on know it
 
 
-def wait_until_it_waits(database: Database, has_ended: Callable[[], bool]) -> None:
-    """Return when somebody waits for a lock, or what was begun has ended.
+def wait_until_it_waits(
+    database: Database, has_ended: Callable[[], bool], *, n_waiting: int = 1
+) -> None:
+    """Return when so many wait for a lock, or what was begun has ended.
 
     PostgreSQL tells who waits; SQLite lets one transaction write at a time anyway.
     """
@@ -286,6 +288,6 @@ def wait_until_it_waits(database: Database, has_ended: Callable[[], bool]) -> No
     )
     while not has_ended():
         with database.read() as session:
-            if session.scalar(waiting):
+            if (session.scalar(waiting) or 0) >= n_waiting:
                 return
         time.sleep(0.01)

@@ -98,7 +98,11 @@ def convert(
         float | None, option("--time-step-s", "S", "Time between two given waypoints.")
     ] = None,
     truncate: Annotated[
-        bool, flag("--truncate", "Cut longer horizons; only with --time-step-s.")
+        bool,
+        flag(
+            "--truncate",
+            "Cut longer horizons; only if --time-step-s or --from gives the time step.",
+        ),
     ] = False,
     null_invalid: Annotated[
         bool, flag("--null-invalid", "Replace invalid trajectories with null, and list them.")

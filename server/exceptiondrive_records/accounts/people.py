@@ -325,9 +325,9 @@ def accept_invitation(session: Session, text: str, person_id: str, *, actor: str
         Conflict: The team is full, or was refused.
     """
     invitation, team = find_invitation(session, text, person_id)
+    hold_team(session, team.id)
     if is_member(session, team.id, person_id):
         return team
-    hold_team(session, team.id)
     used = session.scalars(
         update(Invitation)
         .where(Invitation.id == invitation.id, *_usable_conditions(session))

@@ -31,6 +31,7 @@ from exceptiondrive_records.phases.policy import (
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.splits.splits import live_revision
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
+from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_schemas.api.phase_settings import PhaseChange, PhasePolicy, PhaseSettings
 from exceptiondrive_schemas.base import Document
 
@@ -213,6 +214,8 @@ def _keep_promises(
 
 
 def _has_submissions(session: Session, phase: Phase) -> bool:
+    """Whether there are any: an upload under way ends first, and the next finds the phase as it is then."""
+    session.execute(select(Team.id).order_by(Team.id).with_for_update(key_share=True))
     return bool(session.scalar(select(exists().where(Submission.phase_id == phase.id))))
 
 

@@ -3,7 +3,7 @@
 Each pass decides from the records alone, so that it repairs whatever a crash left.
 """
 
-from sqlalchemy import Select, delete, func, select, update
+from sqlalchemy import Select, and_, delete, func, select, update
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.log import audit
@@ -26,6 +26,7 @@ from exceptiondrive_records.rescoring.progress import (
 )
 from exceptiondrive_records.rescoring.tables import RescoringRun
 from exceptiondrive_records.rescoring.verification import end_verification
+from exceptiondrive_records.submissions.submissions import lock_jobs
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.work.jobs import new_job
 from exceptiondrive_records.work.tables import OPEN_STATES, WAITING_STATES, Job, WorkState
@@ -115,16 +116,19 @@ def release_jobs(session: Session, run: RescoringRun) -> None:
 
 def cancel_jobs(session: Session, run: RescoringRun, key: ScoringKey) -> None:
     """Cancel the jobs of a key that have not started; they can be created again."""
-    waiting = delete(Job).where(Job.id.in_(_waiting_jobs(run, key)))
-    session.execute(waiting.execution_options(synchronize_session=False))
+    is_waiting = Job.id.in_(_waiting_jobs(run, key))
+    lock_jobs(session, is_waiting)
+    session.execute(delete(Job).where(is_waiting).execution_options(synchronize_session=False))
 
 
 def _move_jobs(
     session: Session, run: RescoringRun, before: tuple[WorkState, ...], after: WorkState
 ) -> None:
+    is_moved = and_(Job.id.in_(_waiting_jobs(run, shadow_key(run))), Job.state.in_(before))
+    lock_jobs(session, is_moved)
     session.execute(
         update(Job)
-        .where(Job.id.in_(_waiting_jobs(run, shadow_key(run))), Job.state.in_(before))
+        .where(is_moved)
         .values(state=after, available_at=database_now(session))
         .execution_options(synchronize_session=False)
     )

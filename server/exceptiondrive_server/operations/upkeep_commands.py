@@ -104,6 +104,7 @@ def verify(
     """Check every invariant of records and uploads; exit code 2 when one is broken."""
     settings = load_settings(RecordsSettings, data)
     with opened(settings) as database, database.read() as session:
+        begin_snapshot(session)
         found = violations(session)
         if uploads:
             files = FileStore(settings.file_store_url)

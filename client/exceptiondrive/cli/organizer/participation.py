@@ -205,7 +205,9 @@ def send_message(
         list[str] | None,
         option("--to", "TEAM", "May be repeated; else every team.", offer=completion.teams),
     ] = None,
-    phase: Annotated[str | None, options.phase("Only teams that submitted to this phase.")] = None,
+    phase: Annotated[
+        str | None, options.phase("Without --to: only teams that submitted to this phase.")
+    ] = None,
     preview: Annotated[bool, flag("--preview", "Show who would get it, and send nothing.")] = False,
     yes: options.Yes = False,
 ) -> Answer:
