@@ -214,7 +214,7 @@ def _keep_promises(
 
 
 def _has_submissions(session: Session, phase: Phase) -> bool:
-    """Whether there are any: an upload under way ends first, and the next finds the phase as it is then."""
+    """Whether a phase has submissions; locks all teams, so that uploads come before or after this."""
     session.execute(select(Team.id).order_by(Team.id).with_for_update(key_share=True))
     return bool(session.scalar(select(exists().where(Submission.phase_id == phase.id))))
 
