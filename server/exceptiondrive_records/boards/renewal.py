@@ -1,4 +1,4 @@
-"""Request new boards of a phase when what they may show has changed (`work.board_requests`: one)."""
+"""Request new boards of a phase when what they may show changed (`work.board_requests`: one)."""
 
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session

@@ -64,6 +64,6 @@ def _last_of(session: Session) -> list[_Last]:
 
 
 def take_last(session: Session) -> list[_Last]:
-    """Return and clear the deferred statements, contended rows last and by key, to avoid deadlocks."""
+    """Return and clear the deferred statements, contended rows last, by key to avoid deadlocks."""
     last: list[_Last] = session.info.pop(_LAST, [])
     return sorted(last, key=lambda each: (each.is_shared, each.given.get("key", "")))
