@@ -214,7 +214,7 @@ def _keep_promises(
 
 
 def _has_submissions(session: Session, phase: Phase) -> bool:
-    """Whether a phase has submissions; it locks all teams, so that no upload overlaps the change."""
+    """Whether a phase has submissions; locks all teams, so that no upload overlaps the change."""
     session.execute(select(Team.id).order_by(Team.id).with_for_update(key_share=True))
     return bool(session.scalar(select(exists().where(Submission.phase_id == phase.id))))
 

@@ -32,7 +32,7 @@ def entry_replaced_by(session: Session, submission: Submission) -> SubmissionVie
 
 
 def is_asked_anew(session: Session, asked: Submission) -> bool:
-    """Update the question about an upload if it now replaces another entry; return whether it did."""
+    """Update an upload's question if it now replaces another entry; return whether it did."""
     hold_team(session, asked.team_id)
     session.refresh(asked)
     report = asked.report
