@@ -6,6 +6,6 @@ Every constant comes from the protocol document; every formula names its place i
 """
 
 SCORER_VERSION = "6"
-"""Raised when the same input may come to another number, and when a sheet gains a metric or another
-field: what workers keep under the old one is then worked out anew. Every score sheet names it, and stays:
-the next version of a protocol, and a rescoring to it, make all of a board by the new one."""
+"""Raised when the same input may give another number, and when a sheet gains a metric or another
+field; workers then recompute what they cached. Every score sheet names its own and keeps it; the
+next protocol version, with a rescoring to it, moves a whole board to the new scorer."""

@@ -38,21 +38,21 @@ class TrajectoryPairs:
 
     @classmethod
     def from_columns(cls, columns: Columns) -> "TrajectoryPairs":
-        """Read the columns `source` and `edited`; a trajectory of NaN is a missing one."""
+        """Read the columns `source` and `edited`; a trajectory of NaN counts as missing."""
         source, edited = columns["source"], columns["edited"]
         return cls(source, edited, ~np.isnan(source[:, 0, 0]), ~np.isnan(edited[:, 0, 0]))
 
 
 @dataclass(frozen=True)
 class TaskGroups:
-    """The G tasks that have samples, family by family, and which samples they have.
+    """The G tasks that have samples, grouped by family, and the samples of each.
 
     Attributes:
-        order: (N,) samples, task by task, else as they stand; None where they stand so.
+        order: (N,) samples sorted by task, else in split order; None where they are sorted already.
         n_samples: N.
         starts: (G,) where each task begins in `order`.
         task_index: (G,) position in `taxonomy.tasks`.
-        family_starts: (F,) where each family that has samples begins among the G tasks.
+        family_starts: (F,) where each family with samples begins among the G tasks.
         family_index: (F,) position of each of those families in `taxonomy.families`.
     """
 
@@ -70,7 +70,7 @@ class TaskGroups:
         return sizes
 
     def with_totals(self, of_tasks: NDArray[Any]) -> NDArray[Any]:
-        """Sums of each family, of each task, and of all: (..., F + G + 1) from those of tasks, (..., G)."""
+        """Sum up tasks by family, by task, and in total: (..., G) to (..., F + G + 1)."""
         of_families = np.add.reduceat(of_tasks, self.family_starts, axis=-1)
         of_all = of_tasks.sum(axis=-1, keepdims=True)
         return np.concatenate([of_families, of_tasks, of_all], axis=-1)
@@ -86,10 +86,10 @@ class SplitArrays:
         family_index: (N,) position in `taxonomy.families`.
         scene_index: (N,) 0 <= scene < n_scenes; the unit of the bootstrap.
         n_scenes: Number of scenes.
-        d_safe_m: (N,) required clearance: of the sample if it has one, else of its task.
+        d_safe_m: (N,) required clearance: the sample's own if it has one, else that of its task.
         acceptable: (N, 5) bool, strategies A..E.
-        recorded_m: (N, T, 2) what was really driven, rows of NaN where that is not told; None
-            where the split tells none.
+        recorded_m: (N, T, 2) the path actually driven, rows of NaN where it is not known; None
+            where the split records none.
     """
 
     regions_m: FloatArray
@@ -124,7 +124,7 @@ class SplitArrays:
 
     @cached_property
     def task_by_task(self) -> "SplitArrays":
-        """The same samples in the order of `by_task`, once per split: what is summed again and again."""
+        """The same samples in the order of `by_task`, cached because they are summed many times."""
         order = self.by_task.order
         if order is None:
             return self
@@ -145,7 +145,7 @@ STRATEGIES = tuple(Strategy)
 
 
 def split_arrays(samples: Iterable[SplitSample], taxonomy: Taxonomy) -> SplitArrays:
-    """Arrays of samples that count, sorted by sample id, under one taxonomy.
+    """Return arrays of the samples that count, sorted by sample id, under one taxonomy.
 
     Raises:
         ValueError: No sample counts, a task is not in the taxonomy, or recorded paths are of different
@@ -185,7 +185,7 @@ _TOLD = attrgetter("task", "scene_id", "region", "d_safe_m", "acceptable", "reco
 
 
 def recorded_m(paths: Sequence[Sequence[Sequence[float]] | None]) -> FloatArray | None:
-    """Return recorded paths, (N, T, 2) metres, NaN where one is not told; None without any.
+    """Return recorded paths, (N, T, 2) metres, NaN where one is unknown; None if there are none.
 
     Raises:
         ValueError: They are of different lengths.
@@ -201,7 +201,7 @@ def recorded_m(paths: Sequence[Sequence[Sequence[float]] | None]) -> FloatArray 
 
 
 def _points_m(rows: Sequence[Sequence[Sequence[float]]], n_points: int) -> FloatArray:
-    """(N, n_points, 2) of nested sequences, in half the time of `np.array`."""
+    """Return nested sequences as (N, n_points, 2), in half the time of `np.array`."""
     flat = chain.from_iterable(chain.from_iterable(rows))
     return np.fromiter(flat, np.float64, 2 * n_points * len(rows)).reshape(-1, n_points, 2)
 
@@ -213,7 +213,7 @@ def family_of_task(taxonomy: Taxonomy) -> IntArray:
 
 
 def _own_or_of_task(own: Sequence[Any], of_task: NDArray[Any]) -> NDArray[Any]:
-    """Return what each sample says itself, or its task where it says nothing; (N, ...)."""
+    """Return each sample's own value, or that of its task where it has none; (N, ...)."""
     for row, value in enumerate(own):
         if value is not None:
             of_task[row] = value

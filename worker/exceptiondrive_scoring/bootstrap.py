@@ -1,13 +1,13 @@
-"""Bootstrap over scenes: how far a score would move on another draw of scenes.
+"""Bootstrap over scenes: how far a score would move if other scenes had been drawn.
 
 One scene carries up to 21 samples, so scenes are drawn, not samples (docs/protocol.md section 4).
 Draws come from the protocol's seed alone and are the same for every entry: comparisons are paired.
 
-Of a metric that is a mean, all that the draws need are sums by scene and family, rounded to a grid
-of 2^-30, below 1e-9. Weighted sums of them are then exact in float64 (up to 2^23, far above what a
+For a metric that is a mean, the draws need only sums by scene and family, rounded to a grid of
+2^-30, below 1e-9. Weighted sums of them are then exact in float64 (up to 2^23, far above what a
 split can reach), so they do not depend on the order of additions: not on the library, the number of
-threads, or which entries are computed together. Of a minimum or a quantile they need the values
-themselves. Entries are resampled in blocks, so memory does not grow with them.
+threads, or which entries are computed together. For a minimum or a quantile, the draws need the
+values themselves. Entries are resampled in blocks, which bounds the memory.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -33,7 +33,7 @@ from exceptiondrive_scoring.sheet import order_statistic
 
 GRID = 2.0**-30
 SAME_TO = 1e-9
-"""Values that lie no further apart are the same, worked out another way: arithmetic moves last bits."""
+"""Values no further apart than this are equal: the order of arithmetic changes last bits."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class SceneSums:
     Attributes:
         sums: (F, M, S), multiples of `GRID`.
         counts: (F, M, S) number of samples that define the metric.
-        values: (N, K) of the K metrics that are no means, which no sum can stand for.
+        values: (N, K) of the K metrics that are no means and so cannot be computed from sums.
         scene_index: (N,).
         group_index: (N,) family.
     """
@@ -58,7 +58,7 @@ class SceneSums:
 def scene_sums(
     scores: SampleScores, split: SplitArrays, taxonomy: Taxonomy, *, by_task: bool = False
 ) -> SceneSums:
-    """Sum sample scores by scene and family, in canonical order; by task, tasks stand in place of families."""
+    """Sum sample scores by scene and family (or task, with `by_task`), in canonical order."""
     group_index = split.task_index if by_task else split.family_index
     n_groups = len(taxonomy.tasks if by_task else taxonomy.families)
     shape = (n_groups, len(scores.metric_keys), split.n_scenes)
@@ -78,7 +78,7 @@ def scene_sums(
 
 @dataclass(frozen=True)
 class OfAggregates:
-    """Something of each metric under both aggregates, and in each family.
+    """One quantity of each metric, for both aggregates and for each family.
 
     Attributes:
         micro: (M, ...).
@@ -91,15 +91,15 @@ class OfAggregates:
     families: FloatArray
 
     def headline(self, aggregate: str) -> FloatArray:
-        """What there is of the aggregate with this name, `micro` or `macro_family`."""
+        """Return the part of the aggregate with this name, `micro` or `macro_family`."""
         return {"micro": self.micro, "macro_family": self.macro_family}[aggregate]
 
 
 def scene_counts(entry: SceneSums) -> OfAggregates:
-    """Count the scenes that means rest on, (M,): those with a sample that defines the metric.
+    """Count the scenes that each mean rests on, (M,): those with a sample that defines the metric.
 
-    The unweighted mean of F family means is worth F^2 / sum(1 / n_f) scenes where families are
-    independent. But a scene may lie in several, so it is never worth more than there are scenes.
+    The unweighted mean of F family means has F^2 / sum(1 / n_f) effective scenes if families are
+    independent. But a scene may lie in several families, so the number of scenes is an upper bound.
     """
     occupied = entry.counts > 0
     micro = occupied.any(axis=0).sum(axis=-1, dtype=np.float64)
@@ -111,11 +111,11 @@ def scene_counts(entry: SceneSums) -> OfAggregates:
 
 
 def scenes_by_freedom(n_scenes: OfAggregates) -> OfAggregates:
-    """Put in place of what the mean of families is worth one more than its degrees of freedom.
+    """Replace the effective scenes of the mean of families by its degrees of freedom plus one.
 
-    By Welch and Satterthwaite they are (sum 1 / n_f)^2 / sum(1 / (n_f^2 (n_f - 1))) where families vary
-    alike: of a family of few scenes the mean varies most, and how much, these few alone tell. One of a
-    single scene tells nothing of it: the mean has no interval (`fewest_scenes`).
+    By Welch and Satterthwaite they are (sum 1 / n_f)^2 / sum(1 / (n_f^2 (n_f - 1))) if families
+    vary alike: a family of few scenes contributes most of the variance, estimated from these few
+    alone. A single scene gives no estimate: the mean then has no interval (`fewest_scenes`).
     """
     families = n_scenes.families
     variances = np.divide(1, families, out=np.zeros_like(families), where=families > 0)
@@ -128,23 +128,23 @@ def scenes_by_freedom(n_scenes: OfAggregates) -> OfAggregates:
 
 
 def fewest_scenes(n_scenes: OfAggregates) -> OfAggregates:
-    """Put in place of what the mean of families is worth the scenes of the smallest of them."""
+    """Replace the effective scenes of the mean of families by the scenes of its smallest family."""
     families = n_scenes.families
     fewest = np.where(families > 0, families, np.inf).min(axis=0)
     return replace(n_scenes, macro_family=np.minimum(fewest, n_scenes.micro))
 
 
 def scene_marks(entry: SceneSums) -> OfAggregates:
-    """What each aggregate takes of a scene, as one number, (M, S): its sum, of families (F, M, S).
+    """Return what each scene contributes to each aggregate: (M, S), and to families (F, M, S).
 
-    That of the mean of families is a mix of their sums that no other sums are likely to give.
+    For the mean of families it is a mix of the scene's sums that other sums are unlikely to give.
     """
     weights = 1 / np.sqrt(np.arange(2, 2 + len(entry.sums)))[:, None, None]
     return OfAggregates(entry.sums.sum(axis=0), (entry.sums * weights).sum(axis=0), entry.sums)
 
 
 BLOCK_DRAWS = 64_000
-"""Draws, of all entries of a block together, that are held at once."""
+"""Draws, of all entries of a block together, that are held in memory at once."""
 
 
 class Draws(OfAggregates):
@@ -160,8 +160,8 @@ class Uncertainty(OfAggregates):
         macro_family: The same.
         families: The same.
         primary_draws: (B,) headline of the metric that ranks first: for `rank_intervals`.
-        primary_cut: Draws that its interval leaves outside at each end.
-        primary_scenes: (S,) `scene_marks` of this metric: within `SAME_TO` where two entries do not differ.
+        primary_cut: Number of draws that its interval leaves outside at each end.
+        primary_scenes: (S,) `scene_marks` of this metric; equal if within `SAME_TO`.
     """
 
     primary_draws: FloatArray
@@ -172,10 +172,10 @@ class Uncertainty(OfAggregates):
 def bootstrap(
     entries: Iterable[SceneSums], challenge: Challenge, ranking: RankingSection, headline: str
 ) -> Iterator[Uncertainty]:
-    """Yield the intervals of each entry: every metric that has some, both aggregates and families.
+    """Yield the intervals of each entry, by metric, for both aggregates and for families.
 
-    The entries are scene sums over one split of `challenge.interval_metrics`, and read block by block,
-    so a generator saves memory. The headline is `micro` or `macro_family`.
+    Entries are the scene sums of `challenge.interval_metrics` over one split. They are read block
+    by block, so a generator saves memory. The headline is `micro` or `macro_family`.
     """
     metrics = challenge.interval_metrics
     primary = [m.key for m in metrics].index(ranking.order_of(challenge)[0].metric)
@@ -209,13 +209,13 @@ def bootstrap(
 
 
 def scene_weights(n_scenes: int, ranking: RankingSection) -> NDArray[np.uint16]:
-    """How often each of B draws takes each of S scenes, (S, B); fixed by the protocol's seed."""
+    """Return how often each of B draws takes each of S scenes, (S, B); the seed fixes it."""
     return _scene_weights(n_scenes, ranking.bootstrap_draws, ranking.bootstrap_seed)
 
 
 @lru_cache(maxsize=2)
 def _scene_weights(n_scenes: int, n_draws: int, seed: int) -> NDArray[np.uint16]:
-    """Kept for the next pair: a board compares dozens on one split. Not to be written to."""
+    """Cached: a board compares dozens of pairs on one split. Callers must not write to it."""
     rng = np.random.Generator(np.random.PCG64(seed))
     weights = np.empty((n_scenes, n_draws), dtype=np.uint16)
     for draw in range(n_draws):
@@ -268,7 +268,7 @@ def _draw_order_statistic(
     weights: NDArray[np.uint16],
     level: float,
 ) -> None:
-    """Put the draws of a metric that is no mean in place of its means."""
+    """Replace the draws of a metric that is no mean, computed as means, by order statistics."""
     defined = ~np.isnan(values)
     values, scene, group = values[defined], entry.scene_index[defined], entry.group_index[defined]
     draws.micro[m] = order_statistic(values, weights[scene], level)
@@ -284,7 +284,7 @@ def _draw_order_statistic(
 
 
 def _distinct_counts(block: list[SceneSums]) -> tuple[FloatArray, IntArray]:
-    """Different counts by family and scene, (G, F, S), and which of them each metric has, (E, M).
+    """Return the distinct counts by family and scene, (G, F, S), and which each metric has, (E, M).
 
     Metrics defined for the same samples share their counts: mostly those of the split itself.
     """
@@ -313,5 +313,5 @@ def _means(sums: FloatArray, counts: FloatArray, kind: IntArray) -> Draws:
 def where_enough(
     intervals: FloatArray, n_scenes: FloatArray, ranking: RankingSection
 ) -> FloatArray:
-    """Intervals that rest on too few scenes become NaN."""
+    """Replace intervals that rest on too few scenes by NaN."""
     return np.where((n_scenes >= ranking.min_scenes)[..., None], intervals, np.nan)

@@ -1,7 +1,7 @@
 """The challenges behind one interface, so that no caller branches on the challenge.
 
-Answers and measurements pass as columns (named arrays over samples): what an upload reader makes,
-what a store keeps, and what every function here takes.
+Answers and measurements are passed as columns (named arrays over samples): upload readers make
+them, stores keep them, and every function here takes them.
 """
 
 from abc import ABC, abstractmethod
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
 
 class ChallengeScoring(ABC):
-    """Measure, grade and what is published beside the score; what a challenge lacks stays as it is here."""
+    """Measure, grade and what is published beside the score; by default nothing is."""
 
     challenge: ClassVar[Challenge]
     """Metrics in column order."""
@@ -54,7 +54,7 @@ class ChallengeScoring(ABC):
 
     @abstractmethod
     def measure(self, answers: Columns, split: SplitArrays, geometry: GeometrySection) -> Columns:
-        """Columns that depend on answers, regions and geometry alone: kept by content."""
+        """Columns that depend on answers, regions and geometry alone; cached by content."""
 
     @abstractmethod
     def grade(
@@ -85,7 +85,7 @@ class ChallengeScoring(ABC):
     def clearance_curve(
         self, measurements: Columns, split: SplitArrays, protocol: ProtocolDocument
     ) -> ClearanceCurve | None:
-        """Share of samples by what they keep of the required clearance; None without clearances."""
+        """Share of samples by the kept part of the required clearance; None without clearances."""
         return None
 
     def drawings(
@@ -101,7 +101,7 @@ class ChallengeScoring(ABC):
 
 
 def scoring_of(challenge_id: str) -> ChallengeScoring:
-    """Return how a registered challenge is scored; imported when it is asked for.
+    """Return the scoring of a registered challenge; its module is imported on demand.
 
     Raises:
         UnknownChallengeError: No such challenge is registered.
@@ -121,13 +121,13 @@ def document_columns(document: CheckedDocument, sample_ids: Sequence[str]) -> Co
 
 @dataclass(frozen=True)
 class Settled:
-    """What of a sheet no required clearance changes, and what those are asked of. Withheld.
+    """The part of a sheet that does not depend on required clearances, and what does. Withheld.
 
     Attributes:
-        sheet: The sheet without its breakdown; in `micro` what is said of controls.
-        means: (R, M) as of `group_means`; NaN where the challenge's `regrading` gives the metric.
-        measured: What `regrading`, `extra` and `clearance_curve` read, each (N,), task by task where
-            there is a `regrading`.
+        sheet: The sheet without its breakdown; `micro` holds the metrics over the controls.
+        means: (R, M) as of `group_means`; NaN for the metrics of the challenge's `regrading`.
+        measured: What `regrading`, `extra` and `clearance_curve` read, each (N,); with a
+            `regrading`, sorted by task.
     """
 
     sheet: ScoreSheet
@@ -139,7 +139,7 @@ class Settled:
         """Read what `columns` wrote.
 
         Raises:
-            ValidationError: Another version wrote it.
+            ValidationError: Another version of the code wrote it.
         """
         measured = dict(columns)
         sheet, means = measured.pop("sheet"), measured.pop("means")
@@ -158,7 +158,7 @@ def settle(
     protocol: ProtocolDocument,
     of_controls: OfControls | None = None,
 ) -> Settled:
-    """Grade and aggregate all that follows whatever clearances are required; as `exact_sheet`."""
+    """Grade and aggregate all that does not depend on required clearances; as `exact_sheet`."""
     means = group_means(scoring.grade(measured, split, protocol), split)
     coverage = scoring.coverage(measured)
     edited, source = coverage["edited"] or 0.0, coverage.get("source")
@@ -195,7 +195,7 @@ def settle(
 def graded_breakdown(
     scoring: ChallengeScoring, settled: Settled, split: SplitArrays, protocol: ProtocolDocument
 ) -> Breakdown:
-    """Grade and aggregate what required clearances change, and put it beside the rest."""
+    """Grade and aggregate what depends on required clearances, and merge it with the rest."""
     means, split = settled.means, _as_kept(split, scoring)
     if scoring.regrading is not None:
         scores = scoring.regrading.grade(settled.measured, split, protocol)
@@ -211,7 +211,7 @@ def graded_sheet(
     split_ref: SplitRef,
     protocol: ProtocolDocument,
 ) -> ScoreSheet:
-    """Put the exact sheet together from what is settled and what required clearances change."""
+    """Build the exact sheet from the settled part and from what depends on required clearances."""
     measured, split = settled.measured, _as_kept(split, scoring)
     found = graded_breakdown(scoring, settled, split, protocol)
     graded = {
@@ -242,7 +242,7 @@ def exact_sheet(
 ) -> ScoreSheet:
     """Grade and aggregate measurements of the samples that count (docs/protocol.md section 3).
 
-    `of_controls` is what `scoring.of_controls` says, where the split has controls. Nothing is rounded.
+    `of_controls` comes from `scoring.of_controls`, if the split has controls. Nothing is rounded.
     """
     settled = settle(scoring, measured, split, split_ref, protocol, of_controls)
     return graded_sheet(scoring, settled, split, split_ref, protocol)

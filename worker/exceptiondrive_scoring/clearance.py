@@ -27,7 +27,7 @@ from exceptiondrive_scoring.region import PreparedRegions
 BLOCK_COLUMNS = 640
 """Columns treated at once: the temporaries of a block stay in the processor's cache."""
 EXACT_COLUMNS = 2048
-"""The same of exact distances, whose arrays know no time steps: smaller ones, of which more fit."""
+"""The same for exact distances, whose arrays have no time axis: they are smaller, so more fit."""
 
 
 def clearance_m(
@@ -48,7 +48,7 @@ def clearance_m(
 
 
 def touches_start(regions: PreparedRegions, geometry: GeometrySection) -> BoolArray:
-    """Whether each of N regions meets the footprint at t = 0, what a car that stands sweeps; (N,)."""
+    """Whether each of N regions meets the footprint at t = 0, where a standing car is; (N,)."""
     origin_m = np.zeros((regions.n_samples, 1, 2))
     touches: BoolArray = clearance_m(origin_m, regions, geometry) <= geometry.contact_tolerance_m
     return touches
@@ -57,12 +57,12 @@ def touches_start(regions: PreparedRegions, geometry: GeometrySection) -> BoolAr
 def clearance_so_far_m(
     points_m: FloatArray, regions: PreparedRegions, geometry: GeometrySection
 ) -> FloatArray:
-    """Clearance of what is swept until each time step: the tube of the trajectory, cut off there.
+    """Clearance of the area swept until each time step: of the tube cut off at that step.
 
-    It takes what `clearance_m` takes.
+    The arguments are those of `clearance_m`.
 
     Returns:
-        (N, T + 1) metres, never growing with time: the footprint's at step 0, `clearance_m` at T.
+        (N, T + 1) metres, non-increasing in time: the footprint's at step 0, `clearance_m` at T.
     """
     at = positions(points_m)
     boxes = footprints(at, steps(at), geometry)
@@ -94,9 +94,9 @@ def clearance_of_footprints_m(
 def _bounds_m(
     boxes: Footprints, regions: PreparedRegions, *, swept: bool
 ) -> tuple[FloatArray, IntArray, FloatArray]:
-    """Upper bound per region piece, (P,); those that it does not settle, (Q,); their lower bounds.
+    """Upper bound per region piece, (P,); the pieces that it does not settle, (Q,); lower bounds.
 
-    The latter are of each pair of a tube piece and such a region piece, (pieces, Q).
+    Lower bounds are of each pair of a tube piece and an unsettled region piece, (pieces, Q).
     """
     above = np.empty(len(regions.sample))
     below = [np.empty((len(boxes.x_m) - swept, 0))]
@@ -153,6 +153,6 @@ def _exact_m(
 
 
 def _blocks(n_columns: int, usual: int) -> Iterator[slice]:
-    """Yield blocks of about the usual size: a short one at the end would take nearly as long."""
+    """Yield blocks of about the usual size: a short last block would take nearly as long."""
     width = math.ceil(n_columns / max(1, round(n_columns / usual)))
     yield from (slice(begin, begin + width) for begin in range(0, n_columns, width or 1))

@@ -1,4 +1,4 @@
-"""Compare two entries on the same samples and the same draws: what a board cannot show alone."""
+"""Compare two entries on the same samples and the same draws, which a board alone cannot show."""
 
 import math
 from collections.abc import Sequence
@@ -34,8 +34,8 @@ AS_MEAN = {"aggregation": "mean", "level": None}
 NOT_SEPARABLE = "not separable on this split"
 NO_INTERVAL = "no interval"
 LEAST_DEFINED = 0.5
-"""Share of the samples of each family that both must define: a file that defines one sample alone would
-read from a difference what another team's has there."""
+"""Share of the samples of each family that both entries must define: a file that defines a single
+sample could otherwise read another team's value there from the difference."""
 
 
 def compare(
@@ -47,8 +47,8 @@ def compare(
 ) -> PairedComparison:
     """Compare entry A with entry B on the split of both, paired by sample; nothing is rounded.
 
-    A difference is None where less than `LEAST_DEFINED` of a family is defined by both, and samples are
-    discordant whose two values differ by more than `SAME_TO`. Families and tasks are those with samples.
+    A difference is None where both define less than `LEAST_DEFINED` of a family. Samples that differ
+    by more than `SAME_TO` are discordant. Families and tasks without samples are left out.
     """
     headline, taxonomy = protocol.grading.headline, protocol.taxonomy
     metrics = challenge.interval_metrics
@@ -74,7 +74,7 @@ def compare(
 class _Paired:
     """A minus B: over all samples and groups, and in each draw.
 
-    Draws and the scenes that they rest on are by family, or by what else the sums were grouped by.
+    Draws, and the scenes that they rest on, are by family or by the other grouping of the sums.
     """
 
     values: Breakdown
@@ -85,10 +85,10 @@ class _Paired:
     ranking: RankingSection
 
     def intervals(self, of: str) -> FloatArray:
-        """Intervals of an aggregate, or of the families.
+        """Return the intervals of an aggregate, or of the families.
 
-        They rest on the scenes that differ: the others say nothing of which one is better. Of too few that
-        do, they reach to 0, as they would from a draw that takes none.
+        They rest on the scenes that differ, since the others do not show which entry is better. If
+        too few differ, intervals are extended to 0, the value of a draw that contains none of them.
         """
         confidence, n_differing = self.ranking.confidence, getattr(self.n_differing, of)
         n = np.minimum(getattr(scenes_by_freedom(self.n_scenes), of), n_differing)
@@ -107,10 +107,10 @@ def _paired_differences(
     *,
     by_task: bool = False,
 ) -> _Paired:
-    """Differences over the samples that both define.
+    """Return the differences over the samples that both define.
 
-    The difference of two means is the mean of the differences; of two minima or quantiles it is what
-    it is called.
+    The difference of two means is the mean of the differences; of two minima or quantiles it is the
+    difference of the two.
     """
     taxonomy, ranking = protocol.taxonomy, protocol.ranking
     gaps = a.values - b.values
@@ -142,7 +142,7 @@ def _paired_differences(
 
 
 def scenes_that_differ(gaps: SceneSums) -> OfAggregates:
-    """Count the scenes that the two do not share, by the sums of the gaps between them."""
+    """Count the scenes in which two entries differ, from the sums of the gaps between them."""
     marks = scene_marks(gaps)
 
     def count(of: FloatArray) -> FloatArray:
@@ -163,7 +163,7 @@ def _are_compared(gaps: FloatArray, split: SplitArrays) -> BoolArray:
 
 
 def _with_differences(values: Breakdown, a: Breakdown, b: Breakdown) -> Breakdown:
-    """Put the differences of A and B in place of the metrics that they hold."""
+    """Replace the metrics of a breakdown by the differences between A and B."""
 
     def row(old: MetricValues, of_a: MetricValues, of_b: MetricValues) -> MetricValues:
         pairs = ((key, value, of_b[key]) for key, value in of_a.items())
@@ -185,7 +185,7 @@ def _with_differences(values: Breakdown, a: Breakdown, b: Breakdown) -> Breakdow
 def _by_group(
     metric: Metric, paired: _Paired, kind: str, groups: Sequence[Family | Task]
 ) -> dict[str, PairedDifference]:
-    """Differences in the first metric by family, or by task; the same draws of scenes as everything else."""
+    """Differences in the first metric by family or by task, from the same draws of scenes."""
     means, discordant = getattr(paired.values, kind), getattr(paired.discordant, kind)
     return {
         group.id: _difference(

@@ -1,22 +1,22 @@
 """Exact distance between hull(A, B), A and B two footprints, and a convex region piece.
 
 The hull is never built. Its edges are edges of A, edges of B and *links* from a corner of A to a
-corner of B. All edges of A and B are looked at in place of those that are the hull's: what lies
-inside the hull is never nearer than the hull.
+corner of B. All edges of A and B are examined instead of only those on the hull: points inside the
+hull are never nearer than the hull.
 
 * Two disjoint convex polygons are as far apart as the nearest pair (vertex of one, edge of other).
 * They are disjoint exactly if the normal of some edge of one of them separates them. The hull's
   extent along a normal is the larger of A's and B's, and a rectangle's extent has a closed form.
 
-Four things are looked at, each for a separating gap and for a least distance: rectangle A and
+Four things are examined, each for a separating gap and for a least distance: rectangle A and
 rectangle B, in their own frames, where distance and extent are a few comparisons; the links; and
 the edges of the region piece.
 
-Of the 16 links two or so are edges of the hull. A corner of a rectangle is its outermost in one
+About two of the 16 links are edges of the hull. A corner of a rectangle is its outermost in one
 quadrant of directions. Turn B by an angle in [0, 90] degrees against A: its quadrant j then meets
-only A's quadrants j and j + 1, in arcs between an axis of the one and an axis of the other. Within
-an arc both outermost corners stay, and which of them lies further out turns at most once, as the
-arc is less than a half turn: the link of the two is an edge of the hull exactly if it turned.
+only A's quadrants j and j + 1, in arcs between an axis of one and an axis of the other. Within an
+arc the outermost corner of each is fixed, and which of the two lies further out changes at most
+once, as the arc is less than a half turn: their link is a hull edge exactly if it changes.
 
 Arrays are `(feature, column)`; a column is one pair of a tube piece and a region piece.
 """
@@ -33,9 +33,9 @@ from exceptiondrive_scoring.footprint import Extent, Footprints
 T = TypeVar("T", bound=np.generic)
 SHORTEST_EDGE_M = 1e-15
 EQUALLY_FAR_M = 1e-13
-"""Of two rectangles that reach less apart than this, the first counts as the outermost."""
+"""If the reach of two rectangles differs by less than this, the first counts as the outermost."""
 NEXT = np.array([1, 2, 3, 0])
-"""Corner after a corner, axis after an axis, counter-clockwise."""
+"""Index of the next corner or axis, counter-clockwise."""
 LINK_START = np.array([0, 1, 2, 3, 1, 2, 3, 0])
 LINK_END = np.array([4, 5, 6, 7, 4, 5, 6, 7])
 """Corners 0..3 of A and 4..7 of B: links j-j and (j + 1)-j."""
@@ -90,7 +90,7 @@ def hull_distance_m(
     )
     gap = np.maximum.reduce(gaps)
     np.maximum.at(gap, column, _gap_of_links(links, a[column], b[column]))
-    apart = np.flatnonzero(gap > 0)  # distances of these alone
+    apart = np.flatnonzero(gap > 0)  # only these need a distance
     squares = (
         *(
             box.square_outside(*_take_columns(place, apart)).min(axis=0)
@@ -154,8 +154,8 @@ def _hull(
 ) -> tuple[_Points, BoolArray]:
     """Corners of two footprints, (8, column); which links are edges of their hull, (link, column).
 
-    The corners of the one come first, then those of the other, turned left against it by 0 to 90
-    degrees.
+    The corners of the first come first, then those of the second, which is rotated left against it
+    by 0 to 90 degrees.
     """
     pairing = _Pairing(a.cos * b.sin < a.sin * b.cos, a.cos * b.cos + a.sin * b.sin < 0)
     (ax, ay), (bx, by) = a.corners_m(), b.corners_m()
@@ -168,13 +168,13 @@ def _hull(
 
 
 class _Pairing(NamedTuple):
-    """Which of A and B is the one, and by how many corners the other is turned on: both (n,)."""
+    """Which of A and B is the first, and by how many corners the second is rotated: both (n,)."""
 
     b_is_right_of_a: BoolArray
     is_obtuse: BoolArray
 
     def of(self, of_a: NDArray[T], of_b: NDArray[T]) -> tuple[NDArray[T], NDArray[T]]:
-        """Put what belongs to corners or axes of A and of B, (4, n) each, into that order."""
+        """Reorder values of the corners or axes of A and of B, (4, n) each, accordingly."""
         one = np.where(self.b_is_right_of_a, of_b, of_a)
         other = np.where(self.b_is_right_of_a, of_a, of_b)
         if self.is_obtuse.any():
@@ -183,14 +183,14 @@ class _Pairing(NamedTuple):
 
 
 def _beyond_m(extent: Extent, box: Footprints) -> FloatArray:
-    """How much further than a footprint an extent reaches along each axis of it, (4, n)."""
+    """Return how far an extent reaches beyond a footprint along each of its axes; (4, n)."""
     length, width = box.half_length_m, box.half_width_m
     low_x, high_x, low_y, high_y = extent
     return np.array([high_x - length, high_y - width, -low_x - length, -low_y - width])
 
 
 def _edges(start: _Points, end: _Points) -> _Edges:
-    """An edge of no length gets the direction +x: its distance is then that of a point."""
+    """Build edges; one of length zero gets the direction +x, so its distance is that of a point."""
     x, y = end.x - start.x, end.y - start.y
     length = np.sqrt(x * x + y * y)
     is_point = length < SHORTEST_EDGE_M
@@ -225,10 +225,10 @@ def _rectangle_extent(along: _Points, box: Footprints) -> tuple[FloatArray, Floa
 
 
 def _square_distances(sides: _Sides, which: NDArray[np.intp]) -> FloatArray:
-    """Least square distance of any point and any edge, of some columns.
+    """Return the least square distance between any point and any edge, for some columns.
 
-    Across the edge the distance is that of the line; along it, what lies beyond half the length
-    from the middle. Nothing is masked.
+    The part across the edge is the distance from its line; the part along it is what lies beyond
+    half the length from its middle. Nothing is masked.
     """
     start, along = (_Points(*_take_columns(each, which)) for each in sides.edges[:2])
     points, half = (

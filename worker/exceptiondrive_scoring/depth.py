@@ -1,6 +1,6 @@
-"""How deep footprints stand in a hazard region: what tells intrusions apart, which all have HCC 0.
+"""Depth of footprints in a hazard region, which tells intrusions apart that all have HCC 0.
 
-It ranks nothing and is in no sheet: it orders samples on the machine of who has the regions.
+It ranks nothing and is in no sheet: it orders samples for people who have the regions.
 """
 
 import itertools
@@ -19,8 +19,8 @@ def intrusion_depth_m(
     """Return how far the deepest footprint would have to be moved to be clear of the region's hull.
 
     By separating axes: the shortest way over the directions of the footprint's sides and of all
-    lines through two corners of the region, among which are those of its hull. A tube that touches
-    the region between two footprints alone has depth 0.
+    lines through two corners of the region, which include those of its hull. If the tube touches
+    the region only between two footprints, the depth is 0.
 
     Args:
         edited_m: (N, T, 2) waypoints, NaN where missing.
@@ -51,7 +51,7 @@ def _turned_left(vectors: FloatArray) -> FloatArray:
 def _way_out_m(corners: FloatArray, region: FloatArray, axis: FloatArray) -> FloatArray:
     """Return the shorter way out along an axis, (T + 1, N); below 0 where the two are apart.
 
-    Between two corners that are one there is no axis, and so no way out: it is infinite.
+    Two coincident corners define no axis: the way out is then infinite.
     """
     length = np.linalg.norm(axis, axis=-1, keepdims=True)
     unit = axis / np.where(length == 0, 1.0, length)

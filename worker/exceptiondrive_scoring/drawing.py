@@ -1,10 +1,10 @@
 """What a picture of one sample shows, taken from the code that scores it.
 
-A drawing holds a hazard region. It may leave the worker for samples of a public split alone; that
-is for the caller to know (`exceptiondrive_worker.drawing`). Scoring never builds the polygons of a
-tube (see `clearance`). The example of a protocol is a swerve past a hazard in the lane, whose region
-is pushed aside until the tube passes it at a share of the required clearance, so that HCC, HPR and
-the clearance can all be seen; its geometry and grades are those of every other sample.
+A drawing holds a hazard region. It may leave the worker for samples of a public split alone, which
+the caller must ensure (`exceptiondrive_worker.drawing`). Scoring never builds the polygons of a
+tube (see `clearance`). The example of a protocol is a swerve past a hazard in the lane, whose
+region is moved aside until the tube passes it at a share of the required clearance, so that HCC,
+HPR and the clearance can all be seen; it is measured and graded like every other sample.
 """
 
 from collections.abc import Iterable, Sequence
@@ -36,7 +36,7 @@ from exceptiondrive_scoring.measure import Measurements, measure
 from exceptiondrive_scoring.region import prepare_regions
 
 DECIMALS = 4
-"""Of positions: a tenth of a millimetre, far below a pixel."""
+"""Decimals of positions: a tenth of a millimetre, far below a pixel."""
 
 
 @dataclass(frozen=True)
@@ -58,16 +58,16 @@ class Drawer:
         return grade(self.measured, self.split, self.protocol)
 
     def from_worst_to_best(self) -> list[int]:
-        """Samples by HCC, then clearance, then id, the least first; without an answer: left out."""
+        """Return answered samples by HCC, then clearance, then id, ascending."""
         hcc = self.scores.values[:, self.scores.metric_keys.index("hcc")]
         near, given = self.measured.clearance_m, np.flatnonzero(self.measured.edited_given)
         return sorted(given.tolist(), key=lambda i: (hcc[i], near[i], self.sample_ids[i]))
 
     def chosen(self) -> EntryDrawings:
-        """Draw of each family its scene, and the entry's worst and middle sample.
+        """Draw the scene of each family, and the entry's worst and median sample in it.
 
-        The scene is the same for every entry: its region stands at the middle distance of those of
-        its family from the vehicle at t = 0, then by sample id.
+        The scene is the same for every entry: its region has the median distance from the vehicle
+        at t = 0 among those of its family; ties go by sample id.
         """
         family_index, best_last = self.split.family_index, self.from_worst_to_best()
         by_distance = self._from_near_to_far()
@@ -117,7 +117,7 @@ class Drawer:
         )
 
     def _clearances_m(self, index: int, edited: FloatArray) -> tuple[float, ...]:
-        """What is left of the clearance at each time step; 0 from contact on."""
+        """Return the remaining clearance at each time step; 0 from contact on."""
         region = prepare_regions(self.split.regions_m[index : index + 1])
         so_far = clearance_so_far_m(edited[None], region, self.protocol.geometry)[0]
         is_contact = so_far <= self.protocol.geometry.contact_tolerance_m
@@ -136,7 +136,7 @@ class Drawer:
 
 
 def _path(waypoints: FloatArray) -> FloatArray:
-    """Put the origin in front: (T, 2) -> (T + 1, 2)."""
+    """Prepend the origin: (T, 2) -> (T + 1, 2)."""
     return np.concatenate([np.zeros((1, 2)), waypoints])
 
 
@@ -181,7 +181,7 @@ def convex_hull(points: FloatArray) -> FloatArray:
 
 
 def _hull_chain(points: list[Corner]) -> list[Corner]:
-    """The part of the hull that turns left from the first point to the last."""
+    """Return the part of the hull that turns left from the first point to the last."""
     chain: list[Corner] = []
     for point in points:
         while len(chain) >= 2 and _turn_of(chain[-2], chain[-1], point) <= 1e-12:
@@ -211,8 +211,8 @@ def clearance_segment_m(
 ) -> ClearanceSegment:
     """Nearest points of one collision tube and one hazard region that do not meet.
 
-    The tube is that of (T + 1, 2) positions, the origin first; the region has (4, 2) corners, in either
-    rotation. Two polygons that do not meet are nearest at a corner of one and an edge of the other.
+    The tube is that of (T + 1, 2) positions, the origin first; the region has (4, 2) corners, in
+    either orientation. Disjoint polygons are nearest at a corner of one and an edge of the other.
     """
     segments = (_nearest_m(piece, region_m) for piece in tube_pieces_m(points_m, geometry))
     return min(segments, key=lambda segment: segment.length_m)
@@ -228,7 +228,7 @@ def _nearest_m(piece_m: FloatArray, region_m: FloatArray) -> ClearanceSegment:
 def _corner_to_edge_m(
     corners_m: FloatArray, outline_m: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Corner, and point on the edges of the outline, that are nearest to each other."""
+    """Return the corner and the point on the outline that are nearest to each other."""
     along = np.roll(outline_m, -1, axis=0) - outline_m
     from_start = corners_m[:, None] - outline_m
     square = np.maximum((along**2).sum(axis=-1), np.finfo(np.float64).tiny)
@@ -249,7 +249,7 @@ N_HALVINGS = 40
 
 
 def protocol_drawing(protocol: ProtocolDocument) -> ProtocolDrawing:
-    """Draw the made-up sample under a protocol."""
+    """Draw the example sample of a protocol."""
     task, geometry = pictured_task(protocol), protocol.geometry
     edited, source = _waypoints(geometry)
     required_m = task.d_safe_m * protocol.grading.d_safe_scale
@@ -275,7 +275,7 @@ def _waypoints(geometry: GeometrySection) -> tuple[FloatArray, FloatArray]:
 def _pushed_aside(
     edited: FloatArray, wanted_m: float, geometry: GeometrySection
 ) -> tuple[tuple[float, float], ...]:
-    """Move the region to the right until the clearance is what is wanted."""
+    """Move the region to the right until the clearance is `wanted_m`."""
     shape, path = np.array(REGION_M), _path(edited)[None]
     low, high = -FURTHEST_ASIDE_M, SWERVE_M
     for _ in range(N_HALVINGS):

@@ -25,7 +25,7 @@ class Extent(NamedTuple):
 
 @dataclass(frozen=True)
 class Footprints:
-    """Rectangles of one size: centres and heading unit vectors, arrays of any one shape."""
+    """Rectangles of one size: centres and heading unit vectors, arrays that share a shape."""
 
     x_m: FloatArray
     y_m: FloatArray
@@ -94,7 +94,7 @@ class Footprints:
         return Extent(ahead - reach_x, ahead + reach_x, left - reach_y, left + reach_y)
 
     def extent_with(self, other: Extent) -> Extent:
-        """Extent of the hull of this footprint and of what has that extent along its axes."""
+        """Extent of the hull of this footprint and a shape with that extent along its axes."""
         length, width = self.half_length_m, self.half_width_m
         return Extent(
             np.minimum(other.low_x, -length),
@@ -124,9 +124,9 @@ def footprints(at: Positions, moves: Steps, geometry: GeometrySection) -> Footpr
 
 
 def footprints_m(points_m: FloatArray, geometry: GeometrySection) -> FloatArray:
-    """Corners of the footprint at every time step, counter-clockwise from the front left.
+    """Return the corners of the footprint at every time step, counter-clockwise from front left.
 
-    Of positions with the origin first, (N, T + 1, 2) -> (N, T + 1, 4, 2).
+    Positions are (N, T + 1, 2), the origin first; corners are (N, T + 1, 4, 2).
     """
     at = positions(points_m)
     x, y = footprints(at, steps(at), geometry).corners_m()

@@ -1,4 +1,4 @@
-"""Grade: measurements to metric values of each sample. No geometry, no uploads."""
+"""Grade: turn measurements into metric values of each sample. No geometry, no uploads."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ class SampleScores:
     """Metric values of each sample. Withheld: only their aggregates are published.
 
     Attributes:
-        metrics: M metrics, in column order: all those of a challenge, or some.
+        metrics: M metrics, in column order: all those of a challenge, or a subset.
         values: (N, M); NaN where undefined.
     """
 
@@ -31,28 +31,28 @@ class SampleScores:
         return tuple(metric.key for metric in self.metrics)
 
     def only(self, metrics: Sequence[Metric]) -> "SampleScores":
-        """These metrics alone, in this order."""
+        """Return the scores restricted to these metrics, in this order."""
         columns = [self.metric_keys.index(metric.key) for metric in metrics]
         return SampleScores(tuple(metrics), self.values[:, columns])
 
     @property
     def defined(self) -> BoolArray:
-        """(N, M) whether the value is defined."""
+        """(N, M) whether each value is defined."""
         return ~np.isnan(self.values)
 
 
 @dataclass(frozen=True)
 class Regrading:
-    """How new required clearances are graded, where a few measurements suffice for it.
+    """How to grade again under new required clearances, from few measurements.
 
-    All else in a sheet follows from the measurements, the plausibility section, and the task and
-    family of each sample, and is kept under those alone.
+    Everything else in a sheet follows from the measurements, the plausibility section, and the task
+    and family of each sample, and is cached under those alone.
 
     Attributes:
         columns: The measurements that `grade`, `extra` and `clearance_curve` read.
-        metrics: Those that required clearances change.
-        places: Where they stand among the metrics of the challenge.
-        grade: Gives their values from these columns; the same bits as among all metrics.
+        metrics: The metrics that depend on required clearances.
+        places: Their positions among the metrics of the challenge.
+        grade: Computes their values from these columns, bit for bit as when all metrics are graded.
     """
 
     columns: tuple[str, ...]
@@ -86,13 +86,13 @@ def proximity_response(
 def progress(
     reached_m: FloatArray, path_m: FloatArray, edited_given: BoolArray, section: PlausibilitySection
 ) -> FloatArray:
-    """Share of its own source path that each edited trajectory gets along (docs/protocol.md section 9).
+    """Share of its source path that each edited trajectory completes (docs/protocol.md section 9).
 
     Args:
         reached_m: (N,) arc length at which the edited end lies on the source path.
         path_m: (N,) length of that path, NaN where missing.
         edited_given: (N,).
-        section: The least path that progress is asked of.
+        section: Holds the shortest path for which progress is defined.
 
     Returns:
         (N,) in [0, 1]; 0 where edited is missing, NaN where the source is missing or too short.
@@ -118,7 +118,7 @@ def source_fit(measurements: Measurements) -> dict[str, FloatArray]:
 
 
 def progress_of_pairs(pairs: TrajectoryPairs, section: PlausibilitySection) -> FloatArray:
-    """Return the progress of trajectories that are measured against no region; (N,)."""
+    """Return the progress of trajectories that are not measured against a region; (N,)."""
     source, edited = (positions_of_waypoints(each) for each in (pairs.source, pairs.edited))
     reached_m, path_m = progress_along(source, steps(source), edited.x_m[-1], edited.y_m[-1])
     return progress(reached_m, path_m, pairs.edited_given, section)
@@ -150,7 +150,7 @@ def grade(
 def kept_clearances(
     clearances: Clearances, split: SplitArrays, protocol: ProtocolDocument
 ) -> dict[str, FloatArray | BoolArray]:
-    """Return the metrics that required clearances change, each (N,)."""
+    """Return the metrics that depend on required clearances, each (N,)."""
     required_m = split.d_safe_m * protocol.grading.d_safe_scale
     clearance_m, intrusion = clearances.clearance_m, clearances.intrusion
     is_clear = ~intrusion
@@ -166,6 +166,6 @@ def kept_clearances(
 def sample_scores(
     metrics: tuple[Metric, ...], by_key: Mapping[str, FloatArray | BoolArray]
 ) -> SampleScores:
-    """Put the columns of all metrics, each (N,), into one array, column by column in memory."""
+    """Combine the columns of all metrics, each (N,), into one array in column-major order."""
     columns = np.array([by_key[metric.key] for metric in metrics], dtype=np.float64)
     return SampleScores(metrics, columns.T)

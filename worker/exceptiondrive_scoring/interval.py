@@ -9,15 +9,15 @@ import numpy as np
 from exceptiondrive_scoring.aliases import FloatArray, IntArray
 
 ROUNDING = 1e-6
-"""24.9999999 draws are 25: the number of draws cut off must not hang on the last bits."""
+"""24.9999999 draws are 25: the number of draws cut off must not depend on the last bits."""
 
 
 def percentile_intervals(
     draws: FloatArray, n_scenes: FloatArray | IntArray, confidence: float
 ) -> FloatArray:
-    """Order statistics that leave `draws_cut_off` draws outside at each end.
+    """Return order statistics that leave `draws_cut_off` draws outside at each end.
 
-    No interpolation: the low end is above zero exactly if at most so many draws are not, which is
+    No interpolation: the low end is above zero exactly if at most that many draws are not, which is
     what `rank_intervals` counts. Draws of NaN (no such sample drawn) are left out.
 
     Args:
@@ -40,11 +40,11 @@ def percentile_intervals(
 
 @lru_cache(maxsize=4096)
 def draws_cut_off(n_draws: int, confidence: float, n_scenes: float) -> int:
-    """How many draws lie outside the interval at each end.
+    """Return how many draws lie outside the interval at each end.
 
     The expanded percentile interval (Hesterberg 2015, What Teachers Should Know About the
-    Bootstrap, section 5.3): resampling n scenes shows a variance too small by (n - 1) / n, and a
-    normal quantile where Student's is due. With many scenes it is the plain percentile interval.
+    Bootstrap, section 5.3): resampling n scenes underestimates the variance by (n - 1) / n and uses
+    a normal quantile instead of Student's. With many scenes it is the plain percentile interval.
     """
     if n_scenes < 2:
         return 0
@@ -54,9 +54,9 @@ def draws_cut_off(n_draws: int, confidence: float, n_scenes: float) -> int:
 
 
 def least_differing(confidence: float) -> int:
-    """How many scenes tell two apart at the least: of equal ones all of so many seldom favour the same.
+    """Return the fewest scenes that must differ before one of two entries can be surely better.
 
-    That is the two-sided sign test: six scenes at 95 %.
+    By the two-sided sign test: six scenes at 95 %, if all favour the same entry.
     """
     return math.ceil(1 - math.log2(1 - confidence))
 
@@ -64,7 +64,7 @@ def least_differing(confidence: float) -> int:
 def student_quantile(z: float, freedom: float) -> float:
     """Quantile of Student's t at the level of the normal quantile z (Cornish-Fisher expansion).
 
-    From 5 degrees of freedom on within 0.2 % at 95 % confidence, and within 0.6 % at 99 %.
+    For 5 degrees of freedom or more, within 0.2 % at 95 % confidence and within 0.6 % at 99 %.
     """
     terms = (
         (z**3 + z) / 4,
@@ -79,8 +79,8 @@ def wilson_interval(
 ) -> FloatArray:
     """Wilson's score interval of a fraction.
 
-    A value in [0, 1] varies at most as much as a coin with the same mean, so for the mean of such
-    values (HCC) the interval is conservative.
+    A value in [0, 1] varies at most as much as a coin with the same mean, so the interval is
+    conservative for the mean of such values (HCC).
 
     Args:
         fraction: (...,) in [0, 1].
@@ -101,7 +101,7 @@ def wilson_interval(
 def wilson_at_the_ends(
     intervals: FloatArray, n: FloatArray | IntArray, confidence: float
 ) -> FloatArray:
-    """Replace intervals of fractions that shrank to the point 0 or 1: every draw gave the same."""
+    """Use Wilson's interval for fractions whose draws are all 0 or all 1."""
     low, high = intervals[..., 0], intervals[..., 1]
     stuck = (low == high) & ((low == 0) | (low == 1))
     if not stuck.any():

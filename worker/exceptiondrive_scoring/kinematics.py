@@ -49,7 +49,7 @@ def steps(at: Positions) -> Steps:
 
 
 ANGLE_ROUNDING = 1e-12
-"""A right angle is not an obtuse one because of the last bits of a dot product."""
+"""Tolerance by which rounding in a dot product does not make a right angle obtuse."""
 
 
 def heading_vectors(moves: Steps, geometry: GeometrySection) -> tuple[FloatArray, FloatArray]:
@@ -80,7 +80,7 @@ def heading_vectors(moves: Steps, geometry: GeometrySection) -> tuple[FloatArray
 
 
 def has_heading(moves: Steps, geometry: GeometrySection) -> BoolArray:
-    """Whether each step is long enough to tell where the car points, (T, N)."""
+    """Whether each step is long enough to define a heading, (T, N)."""
     longer: BoolArray = moves.length_m > geometry.heading_hold_m + geometry.heading_hold_tolerance_m
     return longer
 
@@ -102,7 +102,7 @@ def progress_along(
 ) -> Progress:
     """Project ends, (N,) each, onto the polylines of N paths (docs/protocol.md section 9).
 
-    The arc length of the nearest point of the polyline, of the first where several are equally near.
+    Gives the arc length of the polyline's nearest point; if several are equally near, of the first.
     """
     from_x, from_y = end_x_m - path.x_m[:-1], end_y_m - path.y_m[:-1]
     square = moves.length_m * moves.length_m
@@ -112,7 +112,7 @@ def progress_along(
     gap_x, gap_y = from_x - share * moves.x_m, from_y - share * moves.y_m
     nearest = np.argmin(gap_x * gap_x + gap_y * gap_y, axis=0)[None]
     reached = moves.length_m.copy()
-    for before, so_far in pairwise(reached):  # cumsum would go through each path by itself
+    for before, so_far in pairwise(reached):  # cumsum would process one path at a time
         so_far += before
     arc = reached + (share - 1.0) * moves.length_m
     return Progress(np.take_along_axis(arc, nearest, axis=0)[0], reached[-1])
@@ -132,8 +132,8 @@ def path_fit(source_m: FloatArray, recorded_m: FloatArray, geometry: GeometrySec
 
     Args:
         source_m: (N, T, 2) submitted waypoints, NaN where missing.
-        recorded_m: (N, T, 2) recorded ones, NaN where that is not told.
-        geometry: Time step: which waypoint stands at a time.
+        recorded_m: (N, T, 2) recorded ones, NaN where unknown.
+        geometry: Its time step maps times to waypoints.
     """
     x, y = np.moveaxis(source_m - recorded_m, -1, 0)
     gaps = np.sqrt(x * x + y * y)
@@ -172,8 +172,8 @@ def peak_acceleration_mps2(moves: Steps, geometry: GeometrySection) -> FloatArra
 def tightest_turn_m(moves: Steps, geometry: GeometrySection) -> FloatArray:
     """Radius of the tightest circle through three consecutive positions.
 
-    With steps u and v that is |u| |v| |u + v| / (2 |u x v|). Where one of them is too short to give
-    a heading there is no circle.
+    With steps u and v that is |u| |v| |u + v| / (2 |u x v|). Where one of them is too short to
+    define a heading there is no circle.
 
     Returns:
         (N,) metres; infinite on a straight line and where missing.
@@ -202,7 +202,7 @@ class Shift(NamedTuple):
 def shift(source: Positions, edited: Positions) -> Shift:
     """Mean distance of edited and source positions, and its two components.
 
-    The origin counts as a point, with shift 0. Missing trajectories are NaN and stay so.
+    The origin counts as a point, with shift 0. Missing trajectories are NaN and give NaN.
     """
     x, y = np.abs(edited.x_m - source.x_m), np.abs(edited.y_m - source.y_m)
     return Shift(*(part.mean(axis=0) for part in (np.sqrt(x * x + y * y), x, y)))

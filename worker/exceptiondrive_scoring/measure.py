@@ -1,4 +1,4 @@
-"""Measure: trajectories and regions to one row of numbers per sample. The only geometry."""
+"""Measure: turn trajectories and regions into numbers per sample. All geometry is here."""
 
 from dataclasses import dataclass, fields
 
@@ -26,7 +26,7 @@ from exceptiondrive_scoring.region import PreparedRegions, prepare_regions
 
 @dataclass(frozen=True)
 class Clearances:
-    """All that required clearances are asked of, per sample; both arrays (N,). Withheld.
+    """The measurements that are compared with required clearances; both (N,). Withheld.
 
     Attributes:
         clearance_m: Distance of collision tube and region; NaN where edited is missing.
@@ -39,7 +39,7 @@ class Clearances:
 
 @dataclass(frozen=True)
 class Measurements(Clearances):
-    """What geometry gives, per sample; all arrays (N,). Withheld: never leaves the worker.
+    """The geometric measurements of each sample; all (N,). Withheld: never leaves the worker.
 
     Attributes:
         clearance_m: As in `Clearances`.
@@ -60,7 +60,7 @@ class Measurements(Clearances):
         source_path_m: Length of the source path; NaN where missing.
         reached_m: Arc length at which the edited end lies on it; NaN where either is missing.
         source_l2_m: Mean distance of source and recorded waypoints; NaN where either is missing.
-            This and the next three: None where the split tells no recorded path.
+            This and the next three are None if the split records no paths.
         source_l2_1s_m: Their distance at 1 s; NaN also where no waypoint has that time.
         source_l2_2s_m: The same at 2 s.
         source_l2_3s_m: The same at 3 s.
@@ -94,7 +94,7 @@ class Measurements(Clearances):
         )
 
     def columns(self) -> Columns:
-        """What a store keeps, one array per attribute that is not None."""
+        """Return what a store keeps: one array per attribute that is not None."""
         values = {field.name: getattr(self, field.name) for field in fields(self)}
         return {name: value for name, value in values.items() if value is not None}
 
@@ -111,7 +111,7 @@ def measure(
         pairs: Submitted waypoints of N samples.
         regions_m: (N, 4, 2) corners, or the same regions prepared.
         geometry: The section that fixes every choice made here.
-        recorded_m: (N, T, 2) waypoints that were really driven, NaN where that is not told.
+        recorded_m: (N, T, 2) waypoints actually driven, NaN where unknown.
 
     Raises:
         ValueError: A region crosses itself.
@@ -152,7 +152,7 @@ def _clearance_m(
     regions: PreparedRegions,
     geometry: GeometrySection,
 ) -> FloatArray:
-    """Missing trajectories stand still while the others are measured, and become NaN after."""
+    """Measure clearances; a missing trajectory is measured as standing still, then set to NaN."""
     if not given.all():
         edited = Positions(*(np.where(given, part, 0.0) for part in edited))
         moves = steps(edited)

@@ -82,10 +82,10 @@ class PlanningScoring(ChallengeScoring):
         return grade(Measurements.from_columns(measurements), split, protocol)
 
     def of_controls(self, answers: Columns, protocol: ProtocolDocument) -> OfControls:
-        """Over-caution: of the controls whose progress is defined, the share that hardly get on.
+        """Over-caution: the share that hardly progress, of the controls whose progress is defined.
 
-        The flag asks how many controls the split has: a file that stands in both inputs leaves few
-        with a progress, and what it does at those counts none the less.
+        The flag needs enough controls in the split, not enough with defined progress: a file that
+        stands still in both inputs has few of those, and is judged by these few.
         """
         section = protocol.plausibility
         share = progress_of_pairs(TrajectoryPairs.from_columns(answers), section)
@@ -137,7 +137,7 @@ class PlanningScoring(ChallengeScoring):
         split: SplitArrays,
         protocol: ProtocolDocument,
     ) -> "EntryDrawings | None":
-        """Of each family its scene, and the worst and the middle sample of the entry."""
+        """The scene of each family with the worst and the median sample of the entry."""
         from exceptiondrive_scoring.drawing import Drawer
 
         pairs = TrajectoryPairs.from_columns(answers)
@@ -173,7 +173,7 @@ def clearance_sensitivity(
 def clearance_curve(
     clearances: Clearances, split: SplitArrays, protocol: ProtocolDocument
 ) -> ClearanceCurve:
-    """Count what is kept of the required clearance, in steps (docs/protocol.md section 9).
+    """Count samples by the share of the required clearance they keep (docs/protocol.md section 9).
 
     At 0 it is 1 - UR and at 1 the share `clear`. HCC is its area from 0 to 1: by the trapezoidal
     rule to within half a step of the share `close`.

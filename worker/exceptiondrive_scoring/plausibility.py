@@ -16,7 +16,7 @@ from exceptiondrive_scoring.measure import Measurements
 
 
 class OfControls(NamedTuple):
-    """What the answers about controls say: metrics of the total, and flags."""
+    """Results over the controls: metrics for the total, and flags."""
 
     metrics: MetricRow
     flags: tuple[Flag, ...] = ()
@@ -30,11 +30,11 @@ def raised(code: str, detail: str) -> Flag:
 def plausibility(
     measurements: Measurements, split: SplitArrays, protocol: ProtocolDocument
 ) -> Plausibility:
-    """Shares of trajectories that stand, back, do not react, or that no car can drive; and flags.
+    """Return shares (standing, reversing, unreactive and undrivable trajectories) and flags.
 
-    A missing trajectory counts as one that stands still, so that zeros in its place gain nothing.
-    Impossible motion is a share of the given edited trajectories; the first step and the blind share
-    are of the samples that have both.
+    A missing trajectory counts as one that stands still, so that replacing it by zeros gains
+    nothing. Impossible motion is a share of the given edited trajectories; the first step and the
+    blind share are over the samples that have both.
     """
     m, section = measurements, protocol.plausibility
     both = m.edited_given & m.source_given
@@ -68,12 +68,12 @@ def plausibility(
 
 
 def impossible_first_step(m: Measurements, protocol: ProtocolDocument) -> BoolArray:
-    """Whether the first edited step is one that the source's own initial speed does not allow; (N,).
+    """Whether the first edited step is impossible at the source's own initial speed; (N,).
 
     Both trajectories start at the same speed, that of the first source step. With the largest
-    acceleration of the protocol the car gets no farther than v t + a t^2 / 2, and braking no less far
-    than until it stands. The latter is asked from `first_step_from_mps` on: below, a car that stood
-    and starts off cannot be told from one that rolls.
+    acceleration of the protocol the car gets no farther than v t + a t^2 / 2, and when braking it
+    goes at least as far as it takes to stop. The latter is checked from `first_step_from_mps` on:
+    below, a car that starts from standstill cannot be distinguished from one that rolls.
     """
     geometry, section = protocol.geometry, protocol.plausibility
     time_s, most_mps2 = geometry.time_step_s, section.max_acceleration_mps2
@@ -87,7 +87,7 @@ def impossible_first_step(m: Measurements, protocol: ProtocolDocument) -> BoolAr
 
 
 def share_of(which: BoolArray, among: BoolArray) -> float | None:
-    """Return the share of some samples that are such; None where there are none."""
+    """Return the share of `among` for which `which` holds; None if `among` is empty."""
     n = int(np.count_nonzero(among))
     return int(np.count_nonzero(which & among)) / n if n else None
 
@@ -139,7 +139,7 @@ def _flags_of_shares(
 
 
 def _off_course(m: Measurements, section: PlausibilitySection) -> Iterator[Flag]:
-    """By the median, which a few wild samples do not move."""
+    """Flag by the median, which a few outliers do not move."""
     if m.source_l2_m is None:
         return
     known = m.source_l2_m[~np.isnan(m.source_l2_m)]
@@ -154,7 +154,7 @@ def _off_course(m: Measurements, section: PlausibilitySection) -> Iterator[Flag]
 def _hardly_moves(
     m: Measurements, split: SplitArrays, section: PlausibilitySection
 ) -> Iterator[Flag]:
-    """In all samples, or in a family that has enough of them for its mean to say something."""
+    """Flag over all samples, or in a family with enough samples for a meaningful mean."""
     shares = measured_progress(m, section)
     is_known = ~np.isnan(shares)
     shares, family = shares[is_known], split.family_index[is_known]
@@ -179,9 +179,9 @@ def _hardly_moves(
 
 
 def _same_answer(m: Measurements, section: PlausibilitySection) -> Iterator[Flag]:
-    """One path in nearly all edited scenes, by the distance of its end, its end ahead and its first step.
+    """Flag one path in nearly all edited scenes: same end distance, end ahead and first step.
 
-    A file that stands or creeps has flags of its own.
+    Files that stand still or creep have their own flags.
     """
     measured = np.stack([m.edited_motion_m, m.edited_end_x_m, m.edited_first_step_m])
     measured = measured[:, m.edited_given]
@@ -195,9 +195,9 @@ def _same_answer(m: Measurements, section: PlausibilitySection) -> Iterator[Flag
 
 
 def _median(values: FloatArray) -> FloatArray:
-    """Return the medians over the last axis of numbers, (..., n), n > 0, to the bit as numpy does.
+    """Return the medians over the last axis of numbers, (..., n), n > 0, bit for bit as numpy does.
 
-    Its own would import masked arrays.
+    `np.median` would import masked arrays.
     """
     ordered, n = np.sort(values, axis=-1), values.shape[-1]
     medians: FloatArray = (ordered[..., (n - 1) // 2] + ordered[..., n // 2]) / 2

@@ -1,4 +1,4 @@
-"""Rank entries by the protocol, and say which ranks the draws leave open."""
+"""Rank entries by the protocol, and give the range of ranks that the draws leave open."""
 
 from bisect import bisect_left
 from collections.abc import Sequence
@@ -14,9 +14,9 @@ from exceptiondrive_scoring.bootstrap import SAME_TO, Uncertainty
 from exceptiondrive_scoring.interval import draws_cut_off, least_differing
 
 CODED_AT_ONCE = 2**18
-"""Values: what a processor's cache holds."""
+"""Number of values that fit into a processor's cache."""
 PAIRED = 1_000
-"""So many of the first entries are compared draw by draw, each with each: work of the square of it."""
+"""Number of leading entries that are compared pairwise, draw by draw: the cost is quadratic."""
 
 
 def ranks(
@@ -27,7 +27,7 @@ def ranks(
     Args:
         rows: Metrics of each of K entries, rounded to the published precision.
         coverage_suffices: Whether each entry answers enough samples to rank.
-        order: Keys, the first one decides.
+        order: Keys; the first one decides, later ones break ties.
 
     Returns:
         K ranks; None where a value is undefined or coverage is too low.
@@ -52,14 +52,14 @@ def _sort_key(row: MetricRow, order: Sequence[RankKey]) -> tuple[float, ...] | N
 
 
 def rank_intervals(entries: Sequence[Uncertainty], order: Order, confidence: float) -> IntArray:
-    """Best and worst rank of each entry that the draws leave open (docs/protocol.md section 4).
+    """Return the best and worst rank that the draws allow each entry (docs/protocol.md section 4).
 
-    Entry i is surely better than j if the interval of their paired difference lies wholly above
-    zero, that is if it is better in all draws but those that the interval cuts off: as few as the scenes
-    in which the two differ allow, and the intervals of both. Of fewer than `least_differing` none is. The
-    range is 1 + number of entries surely better ... K - number surely worse.
-
-    Draws are compared pair by pair for those alone whose spans of draws meet.
+    Entry i is surely better than j if the interval of their paired difference lies above zero: if
+    it is better in all draws but those that the interval cuts off. Their number is the smallest of
+    that for the scenes in which the two differ and of those for both their intervals. If fewer
+    scenes differ than `least_differing`, neither is surely better. The range is 1 + number of
+    entries surely better ... K - number surely worse. Only pairs whose spans of draws overlap are
+    compared.
 
     All are of one split and protocol, the order is that of the metric that ranks first; (K, 2).
     """
@@ -86,7 +86,7 @@ def rank_intervals(entries: Sequence[Uncertainty], order: Order, confidence: flo
     for i, end in enumerate(n_near):
         near, others = slice(i + 1, end), slice(i + 1, None)
         n_differing = np.count_nonzero(scenes[others] != scenes[i], axis=1)
-        wins = n_differing >= n_told  # over who lies wholly below
+        wins = n_differing >= n_told  # over entries whose span lies wholly below
         losses = np.zeros_like(wins)
         n_of_near = n_differing[: end - i - 1]
         least = np.maximum(np.maximum(needed[i], needed[near]), of_differing[n_of_near])
@@ -108,8 +108,8 @@ def long_rank_intervals(
 ) -> IntArray:
     """Rank intervals of a board of any length: `rank_intervals` among the first `n_paired`.
 
-    Of two that are not both among them, the one is surely better whose interval lies wholly above
-    the other's, as in `told_rank_intervals`. That is n log n, and wider. The first entries stand first;
+    In any other pair, an entry is surely better if its interval lies wholly above the other's, as
+    in `told_rank_intervals`. That takes n log n and gives wider ranges. Entries come best first;
     (K, 2).
     """
     found = told_rank_intervals(intervals, order)
@@ -122,11 +122,11 @@ def long_rank_intervals(
 
 
 def told_rank_intervals(intervals: FloatArray, order: Order) -> IntArray:
-    """Best and worst rank of each entry that published intervals leave open.
+    """Return the best and worst rank of each entry that published intervals allow.
 
-    Entry i is surely better than j if its interval lies wholly above that of j. Whoever reads the
-    intervals can say so: of a withheld split ranks tell nothing besides (docs/leakage.md). They are those
-    of the metric that ranks first, as they are told; of an entry that has none, all numbers. (K, 2).
+    Entry i is surely better than j if its interval lies wholly above that of j. Readers can derive
+    this, so ranks of a withheld split reveal nothing more (docs/leakage.md). The intervals are the
+    published ones of the metric that ranks first; a missing one spans all numbers. (K, 2).
     """
     low, high = _more_is_better(intervals, order)
     better, worse = _count_apart(low, high, low, high)
@@ -134,7 +134,7 @@ def told_rank_intervals(intervals: FloatArray, order: Order) -> IntArray:
 
 
 def _more_is_better(intervals: FloatArray, order: Order) -> tuple[FloatArray, FloatArray]:
-    """Return lower and upper ends, more being better."""
+    """Return lower and upper ends, signed so that more is better."""
     low, high = intervals.T if order == "descending" else -intervals[:, ::-1].T
     return low, high
 
@@ -150,8 +150,8 @@ def _count_apart(
 def _spans(draws: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the lowest and the highest draw of each entry.
 
-    Of two whose spans lie apart, the higher one is better in all draws. An entry that some draws leave
-    undefined lies apart from none.
+    If two spans do not overlap, the higher entry is better in all draws. The span of an entry that
+    is undefined in some draws overlaps with every other.
     """
     is_undefined = np.isnan(draws).any(axis=1)
     low = np.where(is_undefined, -np.inf, draws.min(axis=1))
@@ -159,11 +159,11 @@ def _spans(draws: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _rank_codes(draws: FloatArray, same_to: float = 0.0) -> NDArray[Any]:
-    """Return numbers that stand to each other within a draw as its values do, and compare faster.
+    """Return codes that compare within a draw as its values do, but faster.
 
-    Values are the same that lie no further apart than `same_to`.
+    Values no further apart than `same_to` are equal.
 
-    NaN stands to nothing, and so to no number: draws that hold one stay as they are.
+    NaN compares with nothing, and so has no code: draws that contain one are returned unchanged.
     """
     if np.isnan(draws).any():
         return draws

@@ -1,4 +1,4 @@
-"""What the reference rows of a board answer (names: `exceptiondrive_schemas.references`)."""
+"""Answers of the reference rows of a board (names: `exceptiondrive_schemas.references`)."""
 
 import numpy as np
 
@@ -16,13 +16,13 @@ def reference_answers(
     """Return the answers of a reference as columns, one row per sample of the split.
 
     Args:
-        reference: Which.
-        n_samples: M, of the whole split, as a file answers it.
-        geometry: Says how many waypoints T there are.
+        reference: The reference row.
+        n_samples: M, the number of samples of the whole split, as a file answers it.
+        geometry: Holds the number of waypoints T.
         recorded_m: (M, T, 2) the path driven in each source scene, NaN where it is not known.
 
     Returns:
-        None where the split does not have what the reference is made of.
+        None if the split lacks the data for the reference.
     """
     if reference == ALWAYS_STOP:
         return strategy_answers([StrategyAnswer(Strategy.C, None)] * n_samples).columns()

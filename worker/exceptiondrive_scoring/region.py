@@ -13,8 +13,8 @@ from exceptiondrive_scoring.aliases import BoolArray, FloatArray
 class PreparedRegions:
     """Convex pieces of N regions, corners counter-clockwise, corner-major.
 
-    The first N pieces belong to the samples in order; the second pieces of the few concave regions
-    follow. A triangle repeats its last corner.
+    The first N pieces belong to the samples in order; the second pieces of concave regions, which
+    are rare, follow. A triangle repeats its last corner.
 
     Attributes:
         x_m: (4, P) longitudinal coordinates of the corners.
@@ -39,7 +39,7 @@ def signed_area_m2(corners_m: FloatArray) -> FloatArray:
 
 def is_far(corners_m: FloatArray, geometry: GeometrySection) -> BoolArray:
     """Whether a corner of each region lies beyond `max_region_distance_m`; (N, 4, 2) -> (N,)."""
-    with np.errstate(over="ignore"):  # too far away for a number is too far away
+    with np.errstate(over="ignore"):  # a distance that overflows is too far, too
         away_m = np.hypot(corners_m[..., 0], corners_m[..., 1]).max(axis=1)
     far: BoolArray = away_m > geometry.max_region_distance_m
     return far
@@ -65,7 +65,7 @@ def crosses_itself(corners_m: FloatArray) -> BoolArray:
 
 
 def _turns_m2(corners_m: FloatArray) -> FloatArray:
-    """Cross product of the sides at each corner, below 0 where a counter-clockwise boundary turns right; (N, 4)."""
+    """Return the cross product of the sides at each corner, (N, 4); below 0 at a right turn."""
     incoming = corners_m - np.roll(corners_m, 1, axis=1)
     outgoing = np.roll(corners_m, -1, axis=1) - corners_m
     turns: FloatArray = incoming[..., 0] * outgoing[..., 1] - incoming[..., 1] * outgoing[..., 0]
@@ -73,7 +73,7 @@ def _turns_m2(corners_m: FloatArray) -> FloatArray:
 
 
 def counter_clockwise(corners_m: FloatArray) -> FloatArray:
-    """Return the corners in counter-clockwise order; (N, 4, 2), the argument is not changed."""
+    """Return the corners in counter-clockwise order, (N, 4, 2); the argument is not modified."""
     clockwise = signed_area_m2(corners_m) < 0
     ordered: FloatArray = np.where(clockwise[:, None, None], corners_m[:, ::-1], corners_m)
     return ordered
@@ -83,7 +83,7 @@ def prepare_regions(regions_m: FloatArray) -> PreparedRegions:
     """Cut every region, (N, 4, 2) finite corners, into one or two convex pieces.
 
     A concave quadrilateral has exactly one reflex corner; the diagonal from there cuts it into two
-    triangles. Either rotation of the corners is accepted.
+    triangles. Corners may be given in either orientation.
 
     Raises:
         ValueError: A region crosses itself.

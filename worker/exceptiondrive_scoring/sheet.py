@@ -18,7 +18,7 @@ from exceptiondrive_scoring.arrays import SplitArrays
 from exceptiondrive_scoring.grade import SampleScores
 
 ROUNDING = 1e-9
-"""A share of 0.1 of 30 samples is 3 of them, whatever the last bits of the product say."""
+"""Tolerance: a share of 0.1 of 30 samples is 3 of them, whatever the last bits of the product."""
 MetricValues = dict[str, float | None]
 """Value of each metric over some samples; None where no sample defines it."""
 
@@ -31,10 +31,10 @@ class Breakdown:
         n: Samples of the split; missing trajectories count.
         micro: Over all samples: the paper's equations.
         macro_family: Unweighted mean of the families' values: what the paper's tables print.
-        families: Of those that have samples, in taxonomy order.
-        tasks: Of those that have samples, family by family.
-        family_sizes: How many samples those families have.
-        task_sizes: How many those tasks have.
+        families: Metrics of the families that have samples, in taxonomy order.
+        tasks: Metrics of the tasks that have samples, family by family.
+        family_sizes: Number of samples of each of those families.
+        task_sizes: Number of samples of each of those tasks.
     """
 
     n: int
@@ -62,16 +62,16 @@ def group_means(scores: SampleScores, split: SplitArrays) -> FloatArray:
     """Values of each metric by group, unrounded.
 
     Samples are summed once, by task; families and the total are sums of those. A metric that is no
-    mean is taken from the samples of each group.
+    mean is computed from the samples of each group.
 
     Returns:
-        (R, M), NaN where undefined: of the families that have samples, of their tasks, over all
-        samples, and the mean of the families.
+        (R, M), NaN where undefined: rows of the families with samples, of their tasks, of all
+        samples, and of the mean of the families.
     """
     groups = split.by_task
     values = scores.values.T
     if groups.order is not None:
-        values = values.take(groups.order, 1, mode="clip")  # no index is out of range
+        values = values.take(groups.order, 1, mode="clip")  # indices are always in range
     of_tasks = np.add.reduceat(values, groups.starts, axis=1)
     counts: NDArray[Any] = groups.sizes
     if np.isnan(of_tasks).any():
@@ -92,7 +92,7 @@ def group_means(scores: SampleScores, split: SplitArrays) -> FloatArray:
 def breakdown(
     metrics: Sequence[Metric], means: FloatArray, split: SplitArrays, taxonomy: Taxonomy
 ) -> Breakdown:
-    """Name what `group_means` gives for these metrics."""
+    """Label the results of `group_means` for these metrics."""
     keys, groups = [metric.key for metric in metrics], split.by_task
     *rows, micro, macro_family = map(dict, map(zip, repeat(keys), _plain(means)))
     *sizes, n = groups.sizes.tolist()
@@ -111,7 +111,7 @@ def breakdown(
 
 
 def order_statistic(values: FloatArray, weights: IntArray, level: float) -> FloatArray:
-    """Least value that a share of `level` of the weight does not exceed, with some weight itself.
+    """Return the least value with weight up to which at least a share `level` of the weight lies.
 
     Args:
         values: (n,), none of them NaN.
@@ -131,7 +131,7 @@ def order_statistic(values: FloatArray, weights: IntArray, level: float) -> Floa
 
 
 def _order_statistics(values: FloatArray, level: float, split: SplitArrays) -> list[float]:
-    """By family, by task, and over all, in the order of `aggregate`."""
+    """Return a metric by family, by task, and over all, in the order of `aggregate`."""
     groups, defined = split.by_task, ~np.isnan(values)
     members = [
         *(split.family_index == index for index in groups.family_index),
@@ -144,7 +144,7 @@ def _order_statistics(values: FloatArray, level: float, split: SplitArrays) -> l
 
 
 def _mean_of_defined(values: FloatArray) -> FloatArray:
-    """Unweighted mean over the last axis of what is not NaN, (M, 1) of (M, F)."""
+    """Return the unweighted mean over the last axis, without NaN: (M, F) to (M, 1)."""
     undefined = np.isnan(values)
     n: Any = values.shape[1]
     if undefined.any():
@@ -155,12 +155,12 @@ def _mean_of_defined(values: FloatArray) -> FloatArray:
 
 
 def _nan_for_zero(counts: IntArray) -> FloatArray:
-    """What a sum is divided by to be a mean: of nothing it is NaN, without a warning."""
+    """Return divisors of sums; zero becomes NaN, so that empty means are NaN without a warning."""
     return np.where(counts, counts, np.nan)
 
 
 def _plain(means: FloatArray) -> Any:
-    """Python floats, None in place of NaN, nested as the array."""
+    """Return Python floats nested as the array, with None for NaN."""
     plain = means.astype(object)
     plain[np.isnan(means)] = None
     return plain.tolist()

@@ -1,8 +1,8 @@
-"""How alike two submissions are: from what was submitted alone, no region, no score.
+"""Similarity of two submissions, from what was submitted alone: no region, no score.
 
-A fingerprint is what some samples were answered with. Which samples those are follows from a seed
-that participants do not know, so nobody can change just them. Fingerprints find candidates among a
-thousand submissions at once; only candidates are compared sample by sample.
+A fingerprint holds the answers to some samples. The samples follow from a seed that participants do
+not know, so nobody can change just them. Fingerprints find candidates among a thousand submissions
+at once; only candidates are compared sample by sample.
 """
 
 import functools
@@ -18,28 +18,28 @@ from exceptiondrive_scoring.aliases import BoolArray, Columns, FloatArray
 
 FINGERPRINT_SAMPLES = 256
 FARTHEST = 2.0
-"""Distances beyond this, and to a missing answer, count as this: one sample never decides."""
+"""Upper bound of distances, also used for a missing answer, so that no sample decides alone."""
 SLACK = 0.1
-"""What a fingerprint may be off by: candidates are those that might be alike."""
+"""Tolerance of fingerprints: candidates are the submissions that might be alike."""
 
 
 LEAST_SCALE, FARTHEST_SHIFT = 0.8, 1.0
-"""A copy scaled by more, or shifted by more metres, is a driver of its own."""
+"""A copy scaled further, or shifted by more metres, counts as an independent planner."""
 FIRST_LOOK = 64
-"""So many samples prove of most submissions that none is a copy of the other, scaled and shifted."""
+"""Number of samples that suffice for most pairs to rule out a copy, scaled and shifted or not."""
 ROUNDING = 1e-3
-"""Metres: more than what 32 bits round off a fingerprint."""
+"""Metres: more than the rounding error of a fingerprint in 32 bits."""
 
 
 @dataclass(frozen=True)
 class Alikeness:
-    """How far apart the answers of two submissions are.
+    """How similar the answers of two submissions are.
 
     Attributes:
         equal_share: Share of samples answered alike, to within the challenge's tolerance.
         mean_distance: Mean over samples, each at most `FARTHEST`; metres for trajectories.
-        aligned_share: `equal_share` once one of the two is scaled and shifted as a whole.
-        scale: By what it is scaled then; 1: as sent.
+        aligned_share: `equal_share` after one of the two is scaled and shifted as a whole.
+        scale: The factor of this scaling; 1: as sent.
     """
 
     equal_share: float
@@ -55,15 +55,15 @@ class Alikeness:
 
 @dataclass(frozen=True)
 class AlikeRule:
-    """What of a challenge is compared, and what is alike.
+    """What is compared in a challenge, and when submissions are alike.
 
     Attributes:
         ways: Answers -> (N, P, C) float64: P points of C coordinates, NaN where missing.
         tolerance: Samples no farther apart than this are answered alike.
-        equal_share: Submissions with so many samples alike are reported.
-        mean_distance: So are submissions no farther apart; None: not judged by distance.
-        probe_share: Of submissions with so many samples alike, the later asks about the rest.
-        may_be_scaled: Whether a copy may hide by being scaled or shifted as a whole.
+        equal_share: Submissions with at least this share of samples alike are reported.
+        mean_distance: So are submissions with at most this mean distance; None: it is ignored.
+        probe_share: With at least this share of samples alike, the later one probes the rest.
+        may_be_scaled: Whether a copy may be disguised by scaling or shifting it as a whole.
     """
 
     ways: Callable[[Columns], FloatArray]
@@ -75,7 +75,7 @@ class AlikeRule:
 
     @property
     def least_share(self) -> float:
-        """The smallest share of samples alike that makes submissions alike, or the later a probe."""
+        """The least share of samples alike that makes submissions alike, or the later a probe."""
         return min(self.equal_share, self.probe_share)
 
     def is_alike(self, found: Alikeness, slack: float = 0.0) -> bool:
@@ -86,9 +86,9 @@ class AlikeRule:
         return is_near or found.best_share >= self.equal_share - slack
 
     def is_probe(self, found: Alikeness, slack: float = 0.0) -> bool:
-        """Whether a submission differs from another in a few samples only.
+        """Whether a submission differs from another in only a few samples.
 
-        One that is another as a whole, scaled or shifted, asks about no sample in particular.
+        One that equals another when scaled or shifted as a whole probes no sample in particular.
         """
         if found.equal_share >= self.probe_share - slack:
             return True
@@ -108,7 +108,7 @@ def distances(a: NDArray[np.floating], b: NDArray[np.floating]) -> FloatArray:
 
     Args:
         a: (..., N, P, C), NaN where missing; broadcast against `b`.
-        b: (..., N, P, C). Missing in both is no distance, in one the farthest.
+        b: (..., N, P, C). If missing in both, the distance is 0; if in one, `FARTHEST`.
     """
     lengths = _lengths(a - b)
     apart = _sum(lengths) / lengths.shape[-1]
@@ -125,7 +125,7 @@ def _lengths(vectors: NDArray[np.floating]) -> NDArray[np.floating]:
 
 
 def _sum(values: NDArray[np.floating]) -> NDArray[np.floating]:
-    """Sum over the last axis, one after the other: numpy is slow along a short axis."""
+    """Sum over the last axis, element by element: numpy is slow along a short axis."""
     return np.asarray(functools.reduce(np.add, np.moveaxis(values, -1, 0)))
 
 
@@ -150,9 +150,9 @@ def alikeness(
 def may_be_alike(
     a: NDArray[np.floating], others: NDArray[np.floating], rule: AlikeRule, slack: float
 ) -> BoolArray:
-    """Whether a first look leaves it open that a submission is like each of K others, (K,).
+    """Whether, by the first samples, a submission may be like each of K others, (K,).
 
-    Most are so far from each other that the rest of the samples could not make up for the first ones.
+    Most are so far apart that the remaining samples could not make up for the first ones.
     """
     n_samples, n_first = len(a), min(len(a), FIRST_LOOK)
     least_share = rule.least_share - slack
@@ -171,14 +171,14 @@ def _share(apart: FloatArray, rule: AlikeRule) -> FloatArray:
 
 
 def _alignment_scales(a: NDArray[np.floating], others: NDArray[np.floating]) -> FloatArray:
-    """Return by what a submission is scaled onto each of K others; 1 where that is no copy any more.
+    """Return the factor that scales a submission onto each of K others; 1 if too far for a copy.
 
-    By the median, so that a few moved samples do not count.
+    The factor is a median, so that a few moved samples do not matter.
     """
     ends, of_others = (_lengths(ways[..., -1, :]) for ways in (a, others))
     moves = (ends[None] > 1) & (of_others > 1)
     ratio = np.sort(np.where(moves, of_others / np.where(moves, ends[None], 1), np.nan), axis=-1)
-    n_known = np.count_nonzero(~np.isnan(ratio), axis=-1)  # those that are not come last
+    n_known = np.count_nonzero(~np.isnan(ratio), axis=-1)  # NaN sorts last
     middle = np.maximum(n_known[:, None] - [1, 0], 0) // 2
     scales = np.take_along_axis(ratio, middle, axis=-1).mean(axis=-1)
     return np.where((scales >= LEAST_SCALE) & (scales <= 1 / LEAST_SCALE), scales, 1.0)
@@ -190,10 +190,10 @@ def _may_align(
     rule: AlikeRule,
     share: float,
 ) -> BoolArray:
-    """Whether so large a share of samples may be alike once scaled and shifted, (K,).
+    """Whether at least this share of samples may be alike once scaled and shifted, (K,).
 
-    Samples that are alike have been moved alike, by their points on average. Where too few of the first
-    ones have, along some coordinate, the rest cannot make up for it.
+    Samples that are alike were shifted alike, in the mean of their points. If too few of the first
+    ones were, along some coordinate, the remaining ones cannot make up for it.
     """
     n_samples, n_first = len(a), min(len(a), FIRST_LOOK)
     first = others[:, :n_first]
@@ -203,7 +203,7 @@ def _may_align(
     n_needed = np.full(len(others), n_first - math.floor((1 - share) * n_samples + 1e-9))
     if np.isnan(moved).any():  # missing in both: alike, however moved
         n_needed -= (_is_missing(a[None, :n_first]) & _is_missing(first)).sum(axis=-1)
-    moved.sort(axis=-1)  # those that are missing last
+    moved.sort(axis=-1)  # NaN sorts last
     begin = np.arange(n_first)
     end = np.minimum(begin + n_needed[:, None] - 1, n_first - 1)  # (K, n)
     spread = np.take_along_axis(moved, np.maximum(end, begin)[:, None], axis=-1) - moved
@@ -217,7 +217,7 @@ def _aligned(
 ) -> NDArray[np.floating]:
     """Scale and shift a submission as a whole onto each of K others, by medians.
 
-    Beyond what still is a copy it is not shifted.
+    It is not shifted further than a copy may be.
     """
     scaled = a[None] * scales[:, None, None, None]
     points = (others - scaled).reshape(len(others), a[..., 0].size, a.shape[-1])

@@ -1,11 +1,11 @@
-"""Lint: what makes a split that can be scored a bad benchmark (docs/building-a-split.md).
+"""Lint: what makes a scorable split a bad benchmark (docs/building-a-split.md).
 
-Warnings, not refusals: each may be meant. They are withheld, like what they are found in: sample
-ids stay with the worker and the workshop, readers elsewhere get code, sentence and count.
+These are warnings, not refusals: each may be intended. They are withheld like the split itself:
+sample ids stay with the worker and the workshop; other readers get code, sentence and count.
 
-A control is a region that no good driver would heed; it is judged the other way round. What a car
-can do is asked with its speed at t = 0 on the recorded path; a sample without one is given the
-benefit of the doubt: a car that may creep, and may be fast.
+A control is a region that no good driver would heed, so it is judged the other way round. Whether a
+car can avoid or reach a region is judged at its recorded speed at t = 0; a sample without a
+recorded path gets the benefit of the doubt: the car may creep, and may be fast.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -25,33 +25,33 @@ from exceptiondrive_scoring.kinematics import heading_vectors, positions, steps
 from exceptiondrive_scoring.region import prepare_regions, signed_area_m2
 
 BRAKE_MPS2 = 6.0
-"""Hard braking on a dry road; tyres give as much sideways."""
+"""Hard braking on a dry road; tyres allow as much lateral acceleration."""
 THROTTLE_MPS2 = 3.0
 SLOW_MPS, FAST_MPS = 3.0, 20.0
-"""Speeds of a sample without a recorded path: slow where it helps to avoid, fast where to reach."""
+"""Speeds assumed without a recorded path: slow for avoiding the region, fast for reaching it."""
 ROAD_REACH_M = 7.0
-"""How far aside a car may pass: two lanes."""
+"""How far to the side a car may pass: two lanes."""
 TIGHTEST_TURN_M = 4.0
 REACHED_M = 3.5
-"""With half a car, more than half of what lies between two neighbours of the fan of arcs."""
+"""With half a car width, more than half the gap between neighbouring arcs of the fan."""
 _BENDS_PER_M = np.geomspace(0.002, 1 / TIGHTEST_TURN_M, 20)
 SWERVES_M = (1.0, 2.0, 3.5, 5.0, ROAD_REACH_M)
 MISS_M = 3.0
-"""A recorded path that keeps more than this from a region does not meet it."""
+"""A recorded path that keeps more than this distance from a region does not meet it."""
 SAME_CORNER_M = 0.01
 LARGEST_M2 = 500.0
-"""More than any hazard within 3 s takes: a lane is 3.5 m wide. Real ones have up to 42 m2."""
+"""More than any hazard within 3 s covers: a lane is 3.5 m wide. Real ones have up to 42 m2."""
 USUAL_FACTOR = 5.0
-"""How many times a task's median is far from it."""
+"""A value this many times above or below the median of its task is unusual."""
 LEAST_FOR_USUAL = 10
 LEAST_SCENES = 10
-"""Under ten scenes, drawing scenes again says little about others."""
+"""With under ten scenes, resampling them says little about others."""
 MANY_ALIKE = 4
 LEAST_EXCHANGED = 3
 NEARLY_ALL = 0.95
 LEAST_PATH_M = 2.0
-"""Progress on a shorter path is undefined, and a control is there for its progress; of cars that hardly
-move paths are alike by chance."""
+"""Progress on a shorter path is undefined, and a control exists for its progress; paths of cars
+that hardly move are alike by chance."""
 _PLAIN_ID = frozenset("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789._:/@#=+-")
 
 
@@ -61,9 +61,9 @@ class LintWarning:
 
     Attributes:
         code: Stable name.
-        what: Sentence about the samples; it holds no value of one.
-        count: How many samples (of `small_cells`: families and tasks) it is about.
-        sample_ids: Which, sorted; withheld.
+        what: Sentence about the samples; it reveals no value of one.
+        count: Number of samples concerned (of `small_cells`: families and tasks).
+        sample_ids: Their ids, sorted; withheld.
     """
 
     code: str
@@ -73,15 +73,15 @@ class LintWarning:
 
     @property
     def told(self) -> SplitWarning:
-        """What readers elsewhere get of it."""
+        """The part that readers outside worker and workshop get."""
         return SplitWarning(code=self.code, what=self.what, count=self.count)
 
 
 @dataclass(frozen=True)
 class LintedSplit:
-    """What lint looks at; arrays in the order of the sample ids.
+    """The input of lint; arrays in the order of the sample ids.
 
-    Of a control, (N,), no good driver would heed the region.
+    `is_control`, (N,), marks regions that no good driver would heed.
     """
 
     sample_ids: Sequence[str]
@@ -104,10 +104,10 @@ class LintedSplit:
 def lint(
     split: LintedSplit, protocol: ProtocolDocument, min_samples_per_cell: int = 1
 ) -> tuple[LintWarning, ...]:
-    """Every doubt about a split that can be scored, in a fixed order.
+    """Return all warnings about a scorable split, in a fixed order.
 
-    It holds all samples that are not withdrawn, their regions finite, simple and clear of the footprint
-    at t = 0. Cells smaller than the split's floor, or than those of the protocol, are small.
+    The split holds all samples that are not withdrawn; regions are finite, simple and clear of the
+    footprint at t = 0. Cells below the split's floor, or below that of the protocol, are small.
     """
     arrays, geometry = split.arrays, protocol.geometry
     counted, scene, task = ~split.is_control, arrays.scene_index, arrays.task_index
@@ -242,7 +242,7 @@ def lint(
 
 
 def _not_driven(split: LintedSplit, protocol: ProtocolDocument) -> BoolArray:
-    """Whether a sample has a recorded path that no car makes, (N,)."""
+    """Whether a sample has a recorded path that no car can drive, (N,)."""
     wrong = np.zeros(len(split.sample_ids), dtype=np.bool_)
     if split.arrays.recorded_m is not None:
         rows = np.flatnonzero(split.has_recorded)
@@ -260,7 +260,7 @@ def _repeats_a_corner(regions_m: FloatArray) -> BoolArray:
 
 
 def _same_in_many(regions_m: FloatArray, scene_index: IntArray) -> BoolArray:
-    """Whether a region, to the millimetre and whichever corner is first, stands elsewhere too."""
+    """Whether other scenes, or many samples, have the same region (to 1 mm, any corner order)."""
     corners_mm = np.round(regions_m * 1000)
     order = np.lexsort((corners_mm[..., 1], corners_mm[..., 0]))
     n_scenes, n_samples = _numbers_of_same(
@@ -271,14 +271,14 @@ def _same_in_many(regions_m: FloatArray, scene_index: IntArray) -> BoolArray:
 
 
 def _same_drive(drives: "_Drives", scene_index: IntArray) -> BoolArray:
-    """Whether a recorded path of a car that moves, to the millimetre, stands in other scenes too."""
+    """Whether other scenes have the same recorded path of a moving car, to the millimetre."""
     moves: BoolArray = drives.recorded_length_m() >= LEAST_PATH_M
     n_scenes, _ = _numbers_of_same(np.round(drives.recorded() * 1000), scene_index)
     return moves & (n_scenes > 1)
 
 
 def _numbers_of_same(points_mm: FloatArray, scene_index: IntArray) -> tuple[IntArray, IntArray]:
-    """In how many scenes, and in how many samples, the points of each sample stand."""
+    """Return the numbers of scenes and of samples that have the same points as each sample."""
     rows = points_mm.reshape(len(points_mm), -1)
     _, which, n_samples = np.unique(rows, axis=0, return_inverse=True, return_counts=True)
     which = which.reshape(-1)
@@ -288,10 +288,10 @@ def _numbers_of_same(points_mm: FloatArray, scene_index: IntArray) -> tuple[IntA
 
 
 def _x_y_exchanged(drives: "_Drives", recorded_m: FloatArray) -> BoolArray:
-    """Aside, off the recorded path, and on it when exchanged; without one, most of a group aside.
+    """Whether x and y look exchanged: by the recorded path, or if most of a group lies to the side.
 
-    A single region may well lie more to the side than ahead, in a bend; a scene, a task or a whole
-    split of such regions comes from a mistaken frame.
+    A region may well lie more to the side than ahead, in a bend; if those of a whole scene, task or
+    split do, the coordinate frame is probably wrong.
     """
     split, arrays = drives.split, drives.split.arrays
     exchanged_m = drives.of_recorded_m(arrays.regions_m[..., ::-1])
@@ -336,7 +336,7 @@ def _few_scenes_of_a_family(
 def _small_cells(
     split: LintedSplit, protocol: ProtocolDocument, floor: int
 ) -> Iterator[LintWarning]:
-    """Families and tasks with fewer samples than are published, empty ones too."""
+    """Warn of families and tasks with too few samples to be published, including empty ones."""
     taxonomy, shown_from = protocol.taxonomy, protocol.publication.min_samples_per_cell
     least, withheld = max(floor, shown_from), " of a withheld split" * (floor > shown_from)
     counted, names, rows = ~split.is_control, [], np.zeros(len(split.sample_ids), dtype=np.bool_)
@@ -358,7 +358,7 @@ def _small_cells(
 
 
 class _Drives:
-    """What cars can do in the samples of a split, each drive as (N, T + 1, 2) positions."""
+    """What cars can do in the samples of a split; each drive is (N, T + 1, 2) positions."""
 
     def __init__(self, split: LintedSplit, geometry: GeometrySection) -> None:
         self.split = split
@@ -373,18 +373,18 @@ class _Drives:
         return clearance_m(points_m, self._regions, self._geometry)
 
     def standing(self) -> FloatArray:
-        """Nobody moves."""
+        """Return the drive that stands still."""
         return np.zeros((len(self.split.sample_ids), self._geometry.waypoints + 1, 2))
 
     def recorded(self) -> FloatArray:
-        """The recorded path; standing where there is none."""
+        """Return the recorded path; where there is none, the drive that stands still."""
         points_m = self.standing()
         if self.split.arrays.recorded_m is not None:
             points_m[:, 1:] = np.nan_to_num(self.split.arrays.recorded_m)
         return points_m
 
     def of_recorded_m(self, regions_m: FloatArray | None = None) -> FloatArray:
-        """Clearance of the recorded path, of other regions if given; NaN where there is none."""
+        """Clearance of the recorded path, from other regions if given; NaN where there is none."""
         regions = self._regions if regions_m is None else prepare_regions(regions_m)
         clearance = clearance_m(self.recorded(), regions, self._geometry)
         return np.where(self.split.has_recorded, clearance, np.nan)
@@ -395,13 +395,13 @@ class _Drives:
         return np.where(self.split.has_recorded, steps_m.sum(axis=1), np.nan)
 
     def unheeding_m(self, recorded_m: FloatArray) -> FloatArray:
-        """Clearance of who heeds nothing: on the recorded path, else fast straight ahead."""
+        """Clearance of a drive that heeds nothing: the recorded path, else fast straight on."""
         ahead = self.standing()
         ahead[..., 0] = FAST_MPS * self._times_s
         return np.where(self.split.has_recorded, recorded_m, self.clearance_m(ahead))
 
     def avoids(self) -> BoolArray:
-        """Whether a car that moves can keep clear of the region."""
+        """Whether a moving car can keep clear of the region."""
         speed_mps = np.where(self.split.has_recorded, self._speed_mps, SLOW_MPS)
         braking_s = np.minimum(self._times_s, speed_mps[:, None] / BRAKE_MPS2)
         stopping_m = speed_mps[:, None] * braking_s - BRAKE_MPS2 * braking_s**2 / 2
@@ -438,7 +438,7 @@ class _Drives:
     def _is_some_drive(
         self, drives: Iterator[FloatArray], is_so: Callable[[FloatArray], BoolArray]
     ) -> BoolArray:
-        """Whether some drive has such a clearance; who has one is not asked again, (N,)."""
+        """Whether some drive has such a clearance, (N,); settled samples are not computed again."""
         regions_m = self.split.arrays.regions_m
         some = np.zeros(len(regions_m), dtype=np.bool_)
         for points_m in drives:
@@ -454,7 +454,7 @@ def _xy_positions(along_m: FloatArray, aside_m: FloatArray) -> FloatArray:
 
 
 class _Road:
-    """A recorded path as a way to drive: positions by length along it and distance to its left."""
+    """A recorded path as a road: maps length along it and distance to its left to positions."""
 
     def __init__(self, points_m: FloatArray, geometry: GeometrySection) -> None:
         moves = steps(positions(points_m))
@@ -465,7 +465,7 @@ class _Road:
         self._begin_m[:, 1:] = np.cumsum(moves.length_m, axis=0).T
 
     def positions_m(self, along_m: FloatArray, aside_m: FloatArray) -> FloatArray:
-        """(N, T + 1, 2); the road goes on straight beyond its end."""
+        """(N, T + 1, 2); beyond its end the road continues straight."""
         is_past = along_m[:, :, None] >= self._begin_m[:, None, 1:]
         segment = np.minimum(is_past.sum(axis=2), self._ahead.shape[1] - 1)
         rest_m = along_m - np.take_along_axis(self._begin_m, segment, axis=1)
@@ -479,7 +479,7 @@ class _Road:
 
 
 def _swerve_m(times_s: FloatArray, aside_m: float, sideways_mps2: FloatArray) -> FloatArray:
-    """Lateral place of a car that goes aside as fast as it can and stays there, (N, T + 1)."""
+    """Lateral position of a car that swerves as fast as it can and stays there, (N, T + 1)."""
     sideways_mps2 = np.maximum(sideways_mps2, 1e-6)  # a standing car never gets there
     half_s = np.sqrt(aside_m / sideways_mps2)
     left_s = np.maximum(2 * half_s - times_s, 0.0)

@@ -30,7 +30,7 @@ NOTHING_SAID = ReminderRecord()
 
 @dataclass(frozen=True)
 class StrategyAnswers:
-    """One answer per sample, and what its reminder record says; all arrays (N,).
+    """One answer per sample, and the contents of its reminder record; all arrays (N,).
 
     Attributes:
         strategy: int8, 0..4 for A..E, -1 where missing.
@@ -52,12 +52,12 @@ class StrategyAnswers:
         return cls(**{field.name: columns[field.name] for field in fields(cls)})
 
     def columns(self) -> Columns:
-        """What a store keeps, one array per attribute."""
+        """Return what a store keeps: one array per attribute."""
         return {field.name: getattr(self, field.name) for field in fields(self)}
 
 
 def under_warning_sets(acceptable: BoolArray, grading: GradingSection) -> BoolArray:
-    """Which answers A..E warn too little: not acceptable, below the least cautious acceptable; (N, 5)."""
+    """Which answers A..E warn too little: less cautious than every acceptable one; (N, 5)."""
     caution = np.array([grading.caution[strategy.value] for strategy in STRATEGIES])  # (5,)
     least = np.where(acceptable, caution, caution.max() + 1).min(axis=1)
     under: BoolArray = ~acceptable & (caution < least[:, None])
@@ -69,7 +69,7 @@ def grade_strategies(
 ) -> SampleScores:
     """Accuracy, under-warning, over-warning and missing of every sample.
 
-    A missing answer is wrong and under-warning, and counted apart.
+    A missing answer is wrong and under-warning, and is also counted separately.
     """
     missing = answers.strategy == NO_ANSWER
     under_set = under_warning_sets(split.acceptable, protocol.grading)
@@ -102,7 +102,7 @@ def confusion(answers: StrategyAnswers, split: SplitArrays) -> dict[str, dict[st
 
 
 def _look_up(table: BoolArray, strategy: IntArray) -> BoolArray:
-    """Value of each row's own column; what a missing answer yields has no meaning."""
+    """Return the value in each row's own column; for a missing answer it is meaningless."""
     chosen: BoolArray = np.take_along_axis(table, np.maximum(strategy, 0)[:, None], axis=1)[:, 0]
     return chosen
 
@@ -110,13 +110,13 @@ def _look_up(table: BoolArray, strategy: IntArray) -> BoolArray:
 def reminder_scores(
     answers: StrategyAnswers, split: SplitArrays, taxonomy: Taxonomy
 ) -> dict[str, float | None]:
-    """Score what the reminder records say, over the samples that carry one.
+    """Score the contents of the reminder records, over the samples that carry one.
 
-    A record that leaves something unsaid is wrong in it: an unnamed type is no hit, an unsaid
+    A field that a record leaves out counts as wrong: an unnamed type is no hit, and an unstated
     presence is no alarm. Every sample that counts has its hazard, so no alarm is false.
 
     Returns:
-        `n` (samples with a record: where they are few the row is withheld as a small task is),
+        `n` (samples with a record; if few, the row is withheld like that of a small task),
         `given` (their share), `presence_precision`, `presence_recall`, `type_task_accuracy`,
         `type_family_accuracy`, `strategy_accuracy`; None where undefined.
     """
@@ -163,7 +163,7 @@ def _letters(answers: Columns) -> FloatArray:
 
 
 class StrategyScoring(ChallengeScoring):
-    """Answers A to E against acceptable sets; of controls it asks nothing, they are about progress."""
+    """Answers A to E against acceptable sets; controls are not scored, they are about progress."""
 
     challenge = STRATEGY
     alike: ClassVar[AlikeRule] = AlikeRule(
@@ -210,7 +210,7 @@ class StrategyScoring(ChallengeScoring):
     def extra(
         self, measurements: Columns, split: SplitArrays, protocol: ProtocolDocument
     ) -> dict[str, MetricRow]:
-        """Confusion by acceptable set, and the reminder's scores where records were given."""
+        """Confusion by acceptable set, and the reminder's scores if records were given."""
         answers = StrategyAnswers.from_columns(measurements)
         rows = {f"confusion_{name}": row for name, row in confusion(answers, split).items()}
         if answers.reminder_given.any():
