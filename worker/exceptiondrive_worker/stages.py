@@ -51,7 +51,7 @@ class Target:
     read_under: ProtocolDocument | None = None
     """Whose bounds the upload passed; by default those of `protocol`."""
     made: Columns | None = None
-    """Answers of the whole split, where they are at hand: made here, `file_digest` is theirs then, or just read."""
+    """Answers of all samples, where they are at hand: made here, `file_digest` is theirs then, or just read."""
 
     @property
     def scoring(self) -> ChallengeScoring:
