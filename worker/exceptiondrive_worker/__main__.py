@@ -4,14 +4,14 @@ import gc
 import os
 
 BLAS_THREADS = "OPENBLAS_NUM_THREADS"
-"""numpy would let every slot multiply matrices on every core, which waits busily for the others. What is
-multiplied is exact, in any order (`bootstrap.GRID`), so that it moves no bit."""
+"""By default numpy multiplies matrices on every core in every process; its threads then busy-wait
+for each other. The products are exact in any order (`bootstrap.GRID`), so this changes no bit."""
 
 
 def main() -> None:
     """Import all commands, then run one.
 
-    What importing makes stays to the end: looking for garbage meanwhile takes a fifth of the start.
+    Imported objects live until the end: collecting garbage meanwhile takes a fifth of the start.
     """
     os.environ.setdefault(BLAS_THREADS, "1")
     gc.disable()

@@ -1,14 +1,14 @@
-"""The Celery app, and what may reach it: messages that wake a lane pass, junk is dropped as it is read.
+"""The Celery app and its message filter: wake-ups of a lane pass, junk is dropped when it is read.
 
-Celery only distributes: the records are the queue. It trusts what lies in its queues, and Celery 5.7
-ends the whole worker over one message that is not JSON, and starts the connection anew over one
-without an envelope; the supervisor would start the worker again within seconds, for each piece of
-junk. Anything else than a message of ours (another program's data, a slip at the broker's prompt, a
-message damaged on its way) is taken out of the queue and named in the log. What a queue loses is
-never lost. docs/decisions/0003-sql-is-the-queue.md gives the reason of each setting. The fields are those of Celery's message protocol 2 in kombu's envelope.
+Celery only distributes: the records are the queue. It trusts the contents of its queues, and Celery
+5.7 ends the whole worker over one message that is not JSON, and reconnects over one without an
+envelope; the supervisor would restart the worker within seconds, once per piece of junk. So foreign
+messages (another program's data, a slip at the broker's prompt, damage in transit) are removed from
+the queue and logged. Nothing is lost with a queue. The fields are those of Celery's message
+protocol 2 in kombu's envelope. docs/decisions/0003-sql-is-the-queue.md explains the settings.
 
-Only documented points of extension: `Celery(amqp=...)`, `AMQP.Connection`, `Transport.Channel`, and
-the client of a channel, which is redis-py's `Redis`.
+Uses only documented extension points: `Celery(amqp=...)`, `AMQP.Connection`, `Transport.Channel`,
+and the client of a channel, which is redis-py's `Redis`.
 """
 
 import base64
@@ -32,17 +32,17 @@ from exceptiondrive_worker.settings import WorkerSettings
 _log = structlog.get_logger("exceptiondrive.worker")
 
 MAX_MESSAGE_BYTES = 16 * 1024
-"""A message to wake a lane has about 900 bytes."""
+"""A message that wakes a lane has about 900 bytes."""
 
 _Nothing = Annotated[dict[str, object], Field(max_length=0)]
 _Body = TypeAdapter(
     tuple[Annotated[list[str], Field(min_length=1, max_length=1)], _Nothing, dict[str, None]]
 )
-"""One name or id, no named arguments, and nothing that is to follow."""
+"""One name or id, no keyword arguments, and no follow-up tasks."""
 
 
 class _Part(BaseModel):
-    """Further fields may be there, newer releases of Celery add some; they are not handed on."""
+    """Unknown fields are accepted, since newer releases of Celery add some, but not passed on."""
 
     model_config = ConfigDict(strict=True)
 
@@ -59,7 +59,7 @@ class _Properties(_Part):
 
 
 class _Headers(_Part):
-    """Which task, now and within the usual limits: no later time, no limit of its own."""
+    """The task, to run now and within the usual limits: no delay, no time limit of its own."""
 
     id: str
     task: Annotated[JobName, Field(strict=False)]
@@ -79,16 +79,16 @@ class _Envelope(_Part):
 
 
 def why_junk(message: bytes) -> str | None:
-    """Say why a message is none of ours, in words that quote nothing of it; None: it is sound."""
+    """Say why a message is foreign, in words that quote nothing of it; None if it is sound."""
     if len(message) > MAX_MESSAGE_BYTES:
         return f"it has more than {MAX_MESSAGE_BYTES} bytes"
     try:
-        document = loads(bytes_to_str(message))  # as kombu reads it, so that kombu can
+        document = loads(bytes_to_str(message))  # parsed as kombu does, so that kombu succeeds too
     except (ValueError, TypeError, AttributeError, ArithmeticError, RecursionError):
         return "it is not JSON"
     try:
         envelope = _Envelope.model_validate(document)
-        envelope.model_dump_json()  # what cannot be written cannot be handed on
+        envelope.model_dump_json()  # what cannot be serialized cannot be passed on
     except ValueError:
         return "it is not an envelope of a known message"
     try:
@@ -99,16 +99,16 @@ def why_junk(message: bytes) -> str | None:
 
 
 def _declared_fields(message: bytes) -> bytes:
-    """Return a sound message with the fields alone that were looked at.
+    """Return a sound message reduced to the validated fields.
 
-    One number in a field that Celery reads of its own accord (`stamped_headers`) ends a worker.
+    A single number in a field that Celery reads by itself (`stamped_headers`) ends a worker.
     """
     envelope = _Envelope.model_validate(loads(bytes_to_str(message)))
     return envelope.model_dump_json(by_alias=True, exclude_unset=True).encode()
 
 
 class _WakeClient(kombu_redis.PrefixedStrictRedis):
-    """Reads what the broker sends; an answer that holds junk is as one that holds nothing."""
+    """Reads responses of the broker; one that holds junk is treated as empty."""
 
     def parse_response(self, connection: Any, command_name: str, **options: Any) -> Any:
         answer = super().parse_response(connection, command_name, **options)
@@ -137,7 +137,7 @@ class _WakeTransport(kombu_redis.Transport):
 
 
 class _WakeConnection(Connection):
-    """Whatever scheme the address has: `redis`, `rediss` and `redis+socket` share one transport."""
+    """Uses one transport for all schemes of the address: `redis`, `rediss` and `redis+socket`."""
 
     def get_transport_cls(self) -> type[Transport]:
         found = super().get_transport_cls()
@@ -145,7 +145,7 @@ class _WakeConnection(Connection):
 
 
 class WakeAmqp(AMQP):
-    """How the worker's Celery app speaks to the broker."""
+    """How the worker's Celery app talks to the broker."""
 
     Connection = _WakeConnection
 
@@ -153,9 +153,9 @@ class WakeAmqp(AMQP):
 def create_app(settings: WorkerSettings) -> Celery:
     """Return the app; `tests/chaos` shows that with these settings nothing is lost or doubled.
 
-    Messages are acknowledged before anything is done: the lease in the records brings it back.
+    Messages are acknowledged before the work: if it fails, the lease in the records brings it back.
     There is no result backend; a message takes ids and returns nothing. Junk in a queue is dropped,
-    and nobody who can write to the broker can stop workers by its remote control.
+    and remote control is off, so that nobody who can write to the broker can stop workers.
     """
     app = Celery("exceptiondrive", broker=settings.broker_url, amqp=WakeAmqp, set_as_current=False)
     app.conf.update(

@@ -1,4 +1,4 @@
-"""The context of a worker process: everything outside it that its work may touch."""
+"""The context of a worker process: all external resources that its work may use."""
 
 from collections.abc import Collection
 from dataclasses import dataclass
@@ -29,10 +29,10 @@ class WorkerContext:
     dispatcher: Dispatcher
     stages: Stages
     lanes: frozenset[Lane] = frozenset(Lane)
-    """Those that this process serves."""
+    """The lanes that this process serves."""
 
     def claim_oldest(self, kind: type[Item]) -> Item | None:
-        """Lease the item of a kind that was asked for first; None where nothing is to be done."""
+        """Lease the oldest request of a kind; None if there is none."""
         with self.database.claim() as session:
             return claim_oldest(session, kind, self.settings.lease_s, self.settings.max_attempts)
 
@@ -45,7 +45,7 @@ class WorkerContext:
 def open_context(
     settings: WorkerSettings, lanes: Collection[Lane] = frozenset(Lane)
 ) -> WorkerContext:
-    """Connect to all that the settings name, for a process that serves these lanes."""
+    """Connect to everything that the settings name, for a process that serves these lanes."""
     files = FileStore(settings.file_store_url)
     private = PrivateStore(settings.private_dir)
     return WorkerContext(
@@ -61,5 +61,5 @@ def open_context(
 
 
 def stages_over(files: FileStore, private: PrivateStore) -> Stages:
-    """Return the stages that keep their results in this private store."""
+    """Return the stages that cache their results in this private store."""
     return Stages(private, partial(files.read, limit_bytes=MAX_INFLATED_BYTES), read_upload)

@@ -1,7 +1,7 @@
-"""Draws entries of public splits, and what a protocol measures. What is drawn is public for ever.
+"""Draws entries of public splits, and the example of a protocol. Drawings are public forever.
 
 A drawing shows hazard regions. Nothing of a split is drawn unless the records say that its whole
-file is public; the records refuse such a drawing once more.
+file is public; the records check this again when they store it.
 """
 
 from collections.abc import Sequence
@@ -24,23 +24,23 @@ from exceptiondrive_worker.context import WorkerContext
 from exceptiondrive_worker.stages import RejectedUpload, Stages, Target
 
 DRAWN_AT_ONCE = 50
-"""Entries drawn after one board: a fresh one, or some of those that are missing."""
+"""Entries drawn after one board: new ones, or some of those whose drawings are missing."""
 
 Drawable = tuple[Target, str]
-"""What is drawn, and the submission that it is."""
+"""A target to draw, and its submission."""
 
 _log = structlog.get_logger("exceptiondrive.worker")
 
 
 class WithheldSplitError(Exception):
-    """Somebody asked for a drawing of a split that is not public."""
+    """A drawing of a split that is not public was requested."""
 
 
 def draw_entries(context: WorkerContext, entries: Sequence[Drawable]) -> None:
     """Draw the entries that have no drawings yet, if their split is public.
 
-    All are of one phase under one protocol and split revision. Those beyond `DRAWN_AT_ONCE` wait for
-    the next time.
+    All are of one phase under one protocol and split revision. Those beyond `DRAWN_AT_ONCE` wait
+    for the next call.
     """
     if not entries:
         return
@@ -71,11 +71,11 @@ def _draw_entry(
 
 
 def drawings_of(stages: Stages, split: PublicSplit, target: Target) -> EntryDrawings | None:
-    """Draw samples of an upload; None where the challenge has nothing to draw.
+    """Draw samples of an upload; None if the challenge has no drawings.
 
     Raises:
         WithheldSplitError: The upload was scored on another split than this public one.
-        RejectedUpload: The answers are not kept any more, and the upload now has faults.
+        RejectedUpload: The answers are no longer cached, and the upload now has faults.
     """
     loaded = target.split
     if loaded.manifest.ref != split.ref:
@@ -90,7 +90,7 @@ def drawings_of(stages: Stages, split: PublicSplit, target: Target) -> EntryDraw
 
 
 def draw_protocol(context: WorkerContext, protocol_digest: str) -> None:
-    """Draw the made-up sample under a protocol, unless that is done."""
+    """Draw the example sample of a protocol, unless that is done."""
     with context.database.read() as session:
         protocol = find_protocol(session, protocol_digest)
         if has_protocol_drawing(session, protocol):

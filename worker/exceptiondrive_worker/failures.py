@@ -1,7 +1,7 @@
-"""The job boundary: whatever goes wrong becomes a stable code, and nothing withheld gets out.
+"""The job boundary: every error becomes a stable code, and nothing withheld gets out.
 
-The worker's own log gets the kind of error and the places in the code it passed, never its text,
-which may quote a value; of a database that is away or refuses, what that says.
+The worker's own log gets the type of the error and its traceback locations, never its message,
+which may quote a value. Only messages of an unavailable or refusing database are logged.
 """
 
 from collections.abc import Callable
@@ -41,13 +41,13 @@ class FailureCode(StrEnum):
 
 @dataclass(frozen=True)
 class Failure:
-    """A code, a sentence for the team, and whether another attempt may help."""
+    """A code, a sentence for the team, and whether a retry may help."""
 
     code: FailureCode
     message: str
     may_retry: bool = True
     is_outage: bool = False
-    """Whether what every job needs was away: that was no attempt at this one."""
+    """Whether something that every job needs was unavailable; this does not count as an attempt."""
 
 
 INTERNAL = Failure(FailureCode.INTERNAL, "Scoring failed on our side; the organizers can see it.")
@@ -85,7 +85,7 @@ _FAILURES: dict[type[BaseException], Failure] = {
         may_retry=False,
     ),
 }
-"""By kind of error; the first that fits says it."""
+"""By type of error; the first match wins."""
 
 
 def failure_of(error: BaseException) -> Failure:
@@ -98,10 +98,10 @@ def failure_of(error: BaseException) -> Failure:
 
 
 def run_job(job: str, do: Callable[[], object], on_failure: Callable[[Failure], None]) -> bool:
-    """Do a job and let no error out of it: log its kind and place, and hand its meaning on.
+    """Run a job and let no error out of it: log its type and place, and pass its meaning on.
 
     Returns:
-        Whether another job may come further: False where what every one needs was away.
+        Whether further jobs may succeed: False if something that all of them need was unavailable.
     """
     try:
         do()

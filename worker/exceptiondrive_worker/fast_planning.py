@@ -1,4 +1,4 @@
-"""Fast reader of `exceptiondrive.planning/1`: the client's decoding, then checks on whole arrays."""
+"""Fast reader of `exceptiondrive.planning/1`: the client's decoder, then checks on whole arrays."""
 
 import math
 import struct
@@ -16,13 +16,13 @@ from exceptiondrive_scoring.aliases import Columns, FloatArray
 ANGLE_MARGIN_DEG = 1e-6
 """Directions this close to the limit of the frame check are left to the precise checker."""
 MOVES_ON_M = 1.0
-"""More than a single point repeated, or degrees of latitude and longitude, spread from first to last."""
+"""Metres from first to last point: more than for one repeated point or for degrees of latitude."""
 
 
 def read_planning(text: bytes, manifest: Manifest, protocol: ProtocolDocument) -> Columns | None:
     """Return the columns `source` and `edited`, (N, T, 2) metres, NaN where missing.
 
-    None where the file is faulty or not certainly sound.
+    None if the file is faulty or not certainly sound.
     """
     columns = planning_columns(text, protocol.geometry.waypoints)
     if columns is None or columns.split != manifest.name:
@@ -41,7 +41,7 @@ def read_planning(text: bytes, manifest: Manifest, protocol: ProtocolDocument) -
 
 
 def _column(side: Side, rows: NDArray[np.intp], geometry: GeometrySection) -> FloatArray | None:
-    """Return (N, T, 2) in canonical order, or None where a bound is broken."""
+    """Return (N, T, 2) in canonical order, or None if a bound is violated."""
     packed = struct.pack(f"{len(side.numbers)}d", *side.numbers)  # half the time of `fromiter`
     points_m = np.frombuffer(packed) + 0.0  # no negative zeros, as in the precise checker
     points_m = points_m.reshape(-1, geometry.waypoints, 2)
@@ -56,7 +56,7 @@ def _is_within_bounds(points_m: FloatArray, geometry: GeometrySection) -> bool:
     if points_m.size == 0:
         return True
     if not max(points_m.max(), -points_m.min()) <= geometry.max_coordinate_m:
-        return False  # first of all: squares of what is far outside overflow
+        return False  # checked first: squares of values far outside overflow
     steps_m = np.diff(points_m, axis=1, prepend=0.0)
     squares_m2 = np.square(steps_m, out=steps_m)
     longest_m2 = (squares_m2[..., 0] + squares_m2[..., 1]).max()
@@ -67,8 +67,8 @@ def is_surely_in_frame(source_m: FloatArray, rules: PlausibilitySection) -> bool
     """Whether the frame check of docs/protocol.md section 5 certainly passes.
 
     More than half of the moving trajectories end within the cone around +x, and so does their
-    median; more than half of all begin near the car and go on from there, and so do the medians.
-    Missing ones, of (N, T, 2) source waypoints, are NaN.
+    median; more than half of all begin near the car and move on from there, and so do the medians.
+    Source waypoints are (N, T, 2), NaN where missing.
     """
     (first_x, first_y), (x_m, y_m) = source_m[:, 0].T, source_m[:, -1].T
     moves = x_m * x_m + y_m * y_m > rules.frame_check_min_motion_m**2

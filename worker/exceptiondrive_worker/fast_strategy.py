@@ -53,7 +53,7 @@ MAX_TEXTS_PER_PREDICTION = 5 + 2 * len(REMINDER.__struct_fields__)
 
 
 def read_strategy(text: bytes, manifest: Manifest, protocol: ProtocolDocument) -> Columns | None:
-    """Return the columns of `StrategyAnswers` in canonical order; None where it is not certainly sound."""
+    """Return the columns of `StrategyAnswers` in canonical order; None if not certainly sound."""
     n_max = ROOT_TEXTS + MAX_TEXTS_PER_PREDICTION * len(manifest.sample_ids)
     if n_texts(text) > n_max:
         return None
@@ -76,7 +76,7 @@ def read_strategy(text: bytes, manifest: Manifest, protocol: ProtocolDocument) -
 
 
 def _n_texts_of(prediction: Any) -> int:
-    """Number of texts in one prediction with unique keys."""
+    """Return the number of strings in one prediction with unique keys."""
     n = 3 + (prediction.strategy is not None) + (prediction.reminder is not UNSET)
     if prediction.reminder:
         values = msgspec.structs.astuple(prediction.reminder)

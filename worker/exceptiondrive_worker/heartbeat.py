@@ -1,4 +1,4 @@
-"""Signs of life of worker processes, for readers and for health checks."""
+"""Heartbeats of worker processes, for readers and for health checks."""
 
 import os
 import socket
@@ -22,7 +22,7 @@ _log = structlog.get_logger("exceptiondrive.worker")
 
 
 class Heartbeat:
-    """Records every few seconds that this process lives, until its parent is gone."""
+    """Records every few seconds that this process is alive, until its parent is gone."""
 
     def __init__(
         self,
@@ -47,7 +47,7 @@ class Heartbeat:
         self._thread.start()
 
     def stop(self) -> None:
-        """End in good order: the worker leaves the list at once."""
+        """End cleanly: the worker leaves the list at once."""
         self._stopped.set()
         self._thread.join(timeout=5)
         try:
@@ -70,7 +70,7 @@ class Heartbeat:
                         missing_splits=missing,
                         ttl_s=self._ttl_s,
                     )
-            except (SQLAlchemyError, OSError) as error:  # a folder of splits may be away
+            except (SQLAlchemyError, OSError) as error:  # the folder of splits may be unavailable
                 _log.warning(
                     "heartbeat not recorded", error=type(error).__name__, **reason_of(error)
                 )
@@ -79,7 +79,7 @@ class Heartbeat:
 
 
 def youngest_heartbeat_age_s(database: Database) -> float | None:
-    """Return how long ago a worker on this machine last gave a sign of life; None if never."""
+    """Return the age of the newest heartbeat of a worker on this machine; None if there is none."""
     with database.read() as session:
         of_this_machine = WorkerHeartbeat.worker_id.startswith(f"{socket.gethostname()}:")
         latest = session.scalar(select(func.max(WorkerHeartbeat.at)).where(of_this_machine))

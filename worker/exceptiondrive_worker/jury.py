@@ -1,7 +1,7 @@
-"""The jury of a split: planners whose behaviour is known, scored before anybody else is.
+"""The jury of a split: planners whose behaviour is known, scored before all others.
 
-As judges' solutions prove a problem of a programming contest. Files of trajectories are scored as
-uploads are; the reference rows join them. What does not come out as expected is a gate.
+They validate it as judges' solutions do a problem of a programming contest. Trajectory files are
+scored like uploads, and so are the reference rows. An unexpected result is a gate.
 """
 
 from collections.abc import Iterator, Mapping
@@ -20,22 +20,22 @@ from exceptiondrive_worker.stages import RejectedUpload, Stages, Target
 from exceptiondrive_worker.upload_reader import read_upload
 
 STANDS_SAFE = 0.95
-"""HCC of a car that stands still, at least: else many regions crowd the start."""
+"""Least HCC of a car that stands still: below, many regions crowd the start."""
 UNAWARE_HITS = 0.5
-"""UR of who drives on as recorded, at least: else most regions call for no response."""
+"""Least UR of a driver who follows the recorded path: below, most regions call for no response."""
 TOO_EASY = 0.95
-"""HCC of a planner that moves, at most: above, the split tells nobody apart."""
+"""Highest HCC of a moving planner: above, the split does not separate planners."""
 STANDING = frozenset({"stands_still", "source_stands_still", "hardly_moves"})
-"""Flags of files that do not move: their HCC says nothing about the split."""
+"""Flags of files that do not move; their HCC says nothing about the split."""
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """How a member of the jury, a reference row or a file, fares by the average that ranks.
+    """The result of a member of the jury, a reference row or a file, by the average that ranks.
 
-    HCC and UR are None where it was not scored. The objection says what is not as expected; with one
-    of the flags it is no moving planner, and nothing is expected of its HCC. Of a split with parts,
-    each part is judged, too.
+    HCC and UR are None if it was not scored. The objection says what is unexpected; with one of the
+    flags it is no moving planner, and its HCC is not judged. On a split with parts each part is
+    judged, too.
     """
 
     method: str
@@ -47,7 +47,7 @@ class Verdict:
 
 
 def files_of_jury(folder: Path) -> dict[str, bytes]:
-    """Files of trajectories in a folder by file name: `.json` and `.json.gz`.
+    """Return the trajectory files in a folder by file name: `.json` and `.json.gz`.
 
     Raises:
         OSError: The folder cannot be read.

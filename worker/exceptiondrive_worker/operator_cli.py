@@ -103,8 +103,8 @@ def run(
 
     settings = load_settings(WorkerSettings, data)
     with (
-        opened(settings) as database,  # its connections must not reach the processes that score
-        # a database that is away refuses nobody: no job begins without it
+        opened(settings) as database,  # its connections must not be inherited by scoring processes
+        # an unavailable database refuses nobody: no job begins without it
         suppress(SQLAlchemyError),
         database.read() as session,
     ):

@@ -1,4 +1,4 @@
-"""The life of worker processes: context, memory limit and heartbeat of each, after it has forked."""
+"""The life cycle of worker processes: context, memory limit and heartbeat, set after the fork."""
 
 import gc
 import os
@@ -26,11 +26,11 @@ from exceptiondrive_worker.splits.private_store import prune
 from exceptiondrive_worker.work import work
 
 FAREWELL_TENTHS_S = 10
-"""How long a process that ends waits for its parent to have heard of its last job. By default it
-is 30 s, and on a stop in a busy moment the parent sometimes never says so. The records know every
-outcome already, so that nothing is lost."""
+"""How long an ending process waits for its parent to acknowledge its last job. The default is 30 s,
+and when stopped under load the parent sometimes never does. The records know every outcome
+already, so nothing is lost."""
 BACKGROUND_NICENESS = 10
-"""Of a worker that serves no live lane: on a full machine its processes give way to all others."""
+"""Niceness of workers that serve no live lane: on a busy machine they yield to all others."""
 KEEP_BYTES = 24 * 2**20
 _STATM = Path("/proc/self/statm")
 
@@ -38,7 +38,7 @@ _log = structlog.get_logger("exceptiondrive.worker")
 
 
 class WorkerProcess:
-    """What one forked process holds. Connections are never shared with its parent."""
+    """State of one forked process. Connections are never shared with its parent."""
 
     def __init__(self, settings: WorkerSettings, lanes: tuple[Lane, ...]) -> None:
         self._settings = settings
@@ -47,9 +47,9 @@ class WorkerProcess:
         self._heartbeat: Heartbeat | None = None
 
     def begin(self, **_: Any) -> None:
-        """Open the context, start the heartbeat, then see to memory.
+        """Open the context, start the heartbeat, then set up memory.
 
-        Where a folder is away or cannot be written the log says so, and the next message tries again.
+        If a folder is missing or read-only, that is logged, and the next message tries again.
         """
         try:
             self._context = open_context(self._settings, self._lanes)
@@ -73,7 +73,7 @@ class WorkerProcess:
         limit_memory(self._settings.memory_headroom_bytes)
 
     def _prune(self) -> None:
-        """Once in the life of a process, that is every hundred messages or so."""
+        """Prune the private store once per process, that is, every hundred messages or so."""
         settings = self._settings
         try:
             prune(
@@ -101,9 +101,9 @@ class WorkerProcess:
 
 
 def register_tasks(app: Celery, context: Callable[[], WorkerContext]) -> None:
-    """Give the app what the broker may call by name; `context` is that of the calling process.
+    """Register the tasks that the broker may call; `context` returns that of the calling process.
 
-    Where nothing could be recorded the lease runs out, and the reconciler wakes another worker.
+    If nothing could be recorded, the lease expires, and the reconciler wakes another worker.
     """
 
     @app.task(name=JobName.WAKE.value)
@@ -112,7 +112,7 @@ def register_tasks(app: Celery, context: Callable[[], WorkerContext]) -> None:
 
 
 def worker_app(settings: WorkerSettings, process: WorkerProcess) -> Celery:
-    """Return the app with its tasks, and let every forked process begin and end as it should."""
+    """Return the app with its tasks, and hook `process` into the start and end of every fork."""
     app = create_app(settings)
     register_tasks(app, process.context)
     worker_process_init.connect(process.begin, weak=False)
@@ -121,15 +121,15 @@ def worker_app(settings: WorkerSettings, process: WorkerProcess) -> Celery:
 
 
 def give_way(lanes: Sequence[Lane]) -> None:
-    """Lower the priority of this process and its children if it works in the background alone."""
+    """Lower the priority of this process and its children if it does background work only."""
     if Lane.LIVE not in lanes:
         os.nice(BACKGROUND_NICENESS)
 
 
 def run_worker(settings: WorkerSettings, lanes: Sequence[Lane], concurrency: int) -> None:
-    """Work until told to stop, and leave with the exit code of the worker.
+    """Work until stopped, then exit with the exit code of the worker.
 
-    It is made here: Celery's command line would import all of its commands, a shell of them too.
+    Builds the worker itself: Celery's command line would import all its commands, even a shell.
     """
     billiard.pool.GUARANTEE_MESSAGE_CONSUMPTION_RETRY_LIMIT = FAREWELL_TENTHS_S
     give_way(lanes)
@@ -152,7 +152,7 @@ def run_worker(settings: WorkerSettings, lanes: Sequence[Lane], concurrency: int
 
 
 def address_space_bytes() -> int | None:
-    """Return how much address space this process has now; None where the system does not say."""
+    """Return how much address space this process uses; None if the system does not report it."""
     try:
         pages = int(_STATM.read_text().split()[0])
     except (FileNotFoundError, PermissionError):
@@ -161,20 +161,20 @@ def address_space_bytes() -> int | None:
 
 
 def keep_memory() -> None:
-    """Free one large block that nobody has touched: scoring then takes up to half the time.
+    """Free one large untouched block: scoring then takes up to half the time.
 
-    glibc hands freed memory back to the system above a threshold, and pays for every page again at
-    the next temporary; the threshold follows the largest block that was freed. What a process holds
-    by now it holds to its end: the collector of cycles looks at it no more.
+    glibc returns freed memory above a threshold to the system, and the next temporary pays for
+    every page again; the threshold grows to the largest block freed. Objects that exist now live
+    until the process ends, so they are excluded from garbage collection.
     """
     np.empty(KEEP_BYTES, dtype=np.uint8)
     gc.freeze()
 
 
 def limit_memory(headroom_bytes: int) -> None:
-    """Let this process take at most so much beyond what it has.
+    """Limit this process to so much memory beyond its present use.
 
-    Allocations beyond it raise `MemoryError`. Without `/proc` nothing is limited.
+    Allocations beyond it raise `MemoryError`. Without `/proc` there is no limit.
     """
     present = address_space_bytes()
     if present is None:

@@ -1,10 +1,10 @@
-"""The profile run: what a scored planning file looks like, in the client's own words.
+"""The profile run: describe the motion in a scored planning file, in the client's own words.
 
-It is for who opens the page of a submission, or asks for it by the API; the client says the same before
-anything is sent. No score waits for it.
+The profile is shown on the page of a submission and by the API; the client prints the same before
+upload. No score waits for it.
 """
 
-from __future__ import annotations  # array[float] is no runtime type before 3.12
+from __future__ import annotations  # array[float] is not subscriptable at runtime before 3.12
 
 import math
 from array import array
@@ -38,7 +38,7 @@ _log = structlog.get_logger("exceptiondrive.worker")
 
 
 def describe_next(context: WorkerContext) -> bool:
-    """Describe the scored file that waits longest; whether there was one, and may be more."""
+    """Describe the oldest scored file without a profile; return whether there was one."""
     item = context.claim_oldest(Profile)
     if item is None:
         return False
@@ -77,13 +77,13 @@ def _record_failure(context: WorkerContext, item: Profile, failure: Failure) -> 
 
 
 def sound_report(stages: Stages, target: Target, size_bytes: int) -> CheckReport:
-    """Return a report without faults that says what a planning file looks like.
+    """Return a report without faults that describes the motion in a planning file.
 
-    It is made of the file and of what the manifest tells everybody, never of regions or of recorded
-    drives that are withheld.
+    It uses the file and the public manifest only, never regions or recorded drives that are
+    withheld.
 
     Raises:
-        RejectedUpload: The answers are not kept any more, and the upload now has faults.
+        RejectedUpload: The answers are no longer cached, and the upload now has faults.
     """
     manifest, protocol = target.split.manifest, target.protocol
     pairs = TrajectoryPairs.from_columns(stages.answers(target))
@@ -105,7 +105,7 @@ def sound_report(stages: Stages, target: Target, size_bytes: int) -> CheckReport
 
 
 def _rounded(profile: FileProfile, publication: PublicationSection) -> FileProfile:
-    """Round metres and shares to the digits that the protocol publishes."""
+    """Round metres and shares to the number of digits that the protocol publishes."""
     mend = profile.mend
 
     def digits(name: str) -> int:
@@ -122,7 +122,7 @@ def _rounded(profile: FileProfile, publication: PublicationSection) -> FileProfi
 
 
 def _flat_trajectories(waypoints_m: FloatArray) -> Iterator[array[float] | None]:
-    """Each trajectory of (N, T, 2) by itself, None where missing."""
+    """Yield each trajectory of (N, T, 2) as a flat array, None where missing."""
     values, width = array("d", waypoints_m.tobytes()), 2 * waypoints_m.shape[1]
     for start in range(0, len(values), width):
         yield None if math.isnan(values[start]) else values[start : start + width]

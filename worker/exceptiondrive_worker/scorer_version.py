@@ -1,4 +1,4 @@
-"""No worker scores beside one whose scorer is newer."""
+"""Keeps a worker from scoring while another one has a newer scorer."""
 
 from sqlalchemy.orm import Session
 
@@ -7,7 +7,7 @@ from exceptiondrive_scoring import SCORER_VERSION
 
 
 class OlderScorerError(Exception):
-    """A newer scorer works already."""
+    """A worker with a newer scorer is already running."""
 
     def __init__(self, newer: str) -> None:
         super().__init__(
@@ -17,10 +17,10 @@ class OlderScorerError(Exception):
 
 
 def refuse_if_older(session: Session) -> None:
-    """Let no worker begin whose scores would be of an older scorer; each job asks again.
+    """Refuse to start a worker, or a job, whose scores would come from an older scorer.
 
     Raises:
-        OlderScorerError: A newer scorer is on the list of workers.
+        OlderScorerError: A newer scorer is in the list of workers.
     """
     newer = newer_scorer(session, SCORER_VERSION)
     if newer is not None:

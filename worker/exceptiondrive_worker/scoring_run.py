@@ -1,4 +1,4 @@
-"""The scoring run: claim the job that comes next, score its upload, record all of it in one step."""
+"""The scoring run: claim the next job, score its upload, record the result in one transaction."""
 
 from functools import lru_cache
 
@@ -47,7 +47,7 @@ _AWAY: dict[type[Exception], str] = {
     SplitUnavailableError: "split unavailable",
 }
 _CANNOT_LOAD = (ArithmeticError, LookupError, MemoryError, OSError, TypeError, ValueError)
-"""One split that trips the loader must not keep the jobs of all others waiting."""
+"""Errors of the loader: a split that raises one must not block the jobs of all others."""
 _KEY = tuple_(Job.protocol_digest, Job.split_revision)
 _SENT = (
     select(
@@ -65,11 +65,11 @@ _log = structlog.get_logger("exceptiondrive.worker")
 
 
 def score_next(context: WorkerContext, lane: Lane, *which: ColumnElement[bool]) -> bool:
-    """Score the job of a lane that comes next in fair order; whether there was one, and may be more.
+    """Score the next job of a lane in fair order; return whether there was one, and may be more.
 
-    While no file holds the registered split revision of a job, or its protocol was altered, it is
-    not claimed, and others come first. While the store or the records are away, all of them wait.
-    `which` are conditions on `Job`.
+    A job is skipped while no file holds its registered split revision, or if its protocol was
+    altered. While the store or the records are unavailable, all jobs wait. `which` are conditions
+    on `Job`.
     """
     with context.database.read() as session:
         waiting = session.execute(_keys_of_waiting(lane, *which))
@@ -93,7 +93,7 @@ def score_next(context: WorkerContext, lane: Lane, *which: ColumnElement[bool]) 
 
 @lru_cache
 def _keys_of_waiting(lane: Lane, *which: ColumnElement[bool]) -> Select[str, str, str]:
-    """What waiting jobs are scored under: protocol, revision, and the name of the split."""
+    """Select what waiting jobs are scored under: protocol, revision, and the name of the split."""
     return (
         select(Job.protocol_digest, Job.split_revision, Phase.split_name)
         .join(Submission, Submission.id == Job.submission_id)
@@ -115,7 +115,7 @@ def _is_here(context: WorkerContext, session: Session, name: str, key: ScoringKe
         return False
     except SplitRefusedError as error:
         _log.error("split refused", **ids, reason=str(error))
-    except _CANNOT_LOAD as error:  # the log may name its kind and place, never its text
+    except _CANNOT_LOAD as error:  # the log may name its type and place, never its message
         kind = type(error).__qualname__
         _log.error(
             "split cannot be loaded: its jobs stay queued", **ids, error=kind, places=places(error)
@@ -166,10 +166,10 @@ def _score(context: WorkerContext, job: Job) -> None:
 
 
 def _require_nothing_to_ask(context: WorkerContext, target: Target, submission_id: str) -> None:
-    """Let no upload count before its team knows what it does, where it wants to be asked.
+    """Reject an upload that needs its team's confirmation, if the team wants to be asked.
 
-    Asked is what the file and the team's own list tell; nothing of regions, controls or scores, which
-    a submission pays for.
+    The questions follow from the file and the team's own list alone; they reveal nothing of
+    regions, controls or scores, for which a team spends a submission.
 
     Raises:
         RejectedUpload: It replaces an entry, or would not be ranked; the report has the questions.
@@ -198,5 +198,5 @@ def _record_failure(context: WorkerContext, job: Job, failure: Failure) -> None:
 
 
 def _ids(job: Job) -> dict[str, str]:
-    """What every log line of a job names."""
+    """Return the ids that every log line of a job contains."""
     return {"job": job.id, "submission": job.submission_id}

@@ -1,4 +1,4 @@
-"""The worker's settings: the only class that knows where withheld splits lie."""
+"""The worker's settings: the only class that knows the location of withheld splits."""
 
 from pathlib import Path
 from typing import Annotated, Self
@@ -12,7 +12,7 @@ MEBIBYTE = 2**20
 
 
 class WorkerSettings(RecordsSettings):
-    """Every field is an environment variable with the prefix `EXCEPTIONDRIVE_`."""
+    """Each field is set by an environment variable with the prefix `EXCEPTIONDRIVE_`."""
 
     splits_dir: Path = Path("hidden_splits")
     private_dir: Path = Path("data/private")

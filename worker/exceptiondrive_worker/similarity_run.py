@@ -1,7 +1,7 @@
-"""Compares each scored submission of a phase with those before it, for the organizers' report.
+"""Compares each scored submission of a phase with earlier ones, for the organizers' report.
 
-Trajectories stay here: sums over samples are all that is recorded, and nothing of a region or of
-a score goes into them.
+Trajectories stay here: only sums over samples are recorded, which depend on no region and no
+score.
 """
 
 import time
@@ -33,27 +33,27 @@ from exceptiondrive_worker.splits.private_store import Shelf, content_key
 from exceptiondrive_worker.stages import RejectedUpload, Target
 
 COMPARED_AT_ONCE = 200
-"""Submissions compared after one board; the rest follow with the next one."""
+"""Submissions compared after one board; the rest follow after the next one."""
 PART_OF_LIMIT = 0.25
-"""After this part of the limit of time of its task, which built a board first, one file is compared."""
+"""Comparing stops after this part of the soft time limit of its task, but never before one file."""
 POLL_EVERY_S = 0.02
-"""So often it is asked whether a live job waits; to compare a file may take a part of that."""
+"""How often the run checks whether a live job waits; comparing a file may take part of that."""
 NEAREST_KEPT = 10
 CANDIDATES = 30
 AT_ONCE = 100
 Fingerprint = NDArray[np.float32]
 Fingerprinted = tuple[ScoredFile, Fingerprint]
 Candidate = tuple[ScoredFile, Alikeness]
-"""A file, and how alike another one is by their fingerprints."""
+"""A file, and its similarity to another one by their fingerprints."""
 
 _log = structlog.get_logger("exceptiondrive.worker")
 
 
 def compare_submissions(context: WorkerContext, phase_id: str, like: Target) -> int:
-    """Compare what was not compared yet; return how many submissions that were.
+    """Compare the submissions that were not compared yet; return their number.
 
-    Gives way as soon as a live job waits, or its time is over: the rest follow with the next board.
-    `like` is a target with the challenge, split and protocol of all, whatever its file.
+    Stops as soon as a live job waits or its time is over; the rest follow with the next board.
+    `like` is a target with the challenge, split and protocol of all; its file does not matter.
     """
     rule = like.scoring.alike
     if rule is None:
@@ -78,7 +78,7 @@ def compare_submissions(context: WorkerContext, phase_id: str, like: Target) -> 
                 alike = comparing.alike(file, fingerprint, compared)
                 compared.append((file, fingerprint))
             found.append((file.submission_id, alike))
-    finally:  # what ends this ends it after the files that were compared
+    finally:  # an interruption ends this after the files that were compared
         with context.database.write() as session:
             for submission_id, alike in found:
                 keep_alike(session, submission_id, alike)
@@ -89,7 +89,7 @@ def compare_submissions(context: WorkerContext, phase_id: str, like: Target) -> 
 def _while_there_is_time(
     context: WorkerContext, files: Sequence[ScoredFile]
 ) -> Iterator[ScoredFile]:
-    """Give one file after the other until a live job is seen to wait; however late it is, the first one."""
+    """Yield files until a live job waits or time is over, which is not checked for the first."""
     now = time.monotonic()
     until = now + PART_OF_LIMIT * context.settings.soft_time_limit_s
     poll_at = now
@@ -125,7 +125,7 @@ class _Comparing:
         self._seed = content_key("fingerprint", like.split.regions_digest)
 
     def fingerprint(self, file: ScoredFile) -> Fingerprint | None:
-        """Return the answers (S, P, C) of a file that are compared; None where it cannot be read."""
+        """Return the compared answers (S, P, C) of a file; None if it cannot be read."""
         private = self._context.private
         key = content_key("fingerprint", file.file_digest, self._like.challenge.id, self._seed)
         kept = private.read_columns(Shelf.FINGERPRINTS, key)
@@ -141,7 +141,7 @@ class _Comparing:
     def alike(
         self, file: ScoredFile, fingerprint: Fingerprint, compared: Sequence[Fingerprinted]
     ) -> Sequence[AlikeSubmission]:
-        """Return what a file is like: the nearest of other teams, and the nearest of its own."""
+        """Return the files that it is alike to: the nearest of other teams, and of its own."""
         candidates = self._candidates(file, fingerprint, compared)
         ways = self._read_ways(file) if candidates else None
         if ways is None:

@@ -1,9 +1,9 @@
-"""The stages from an upload to a score sheet; all but the sheet is kept, under the hash of what made it.
+"""Stages from an upload to a score sheet; all but the sheet is cached by the hash of its inputs.
 
     upload --read--> answers --measure--> measurements --settle--> settled --grade--> exact sheet
 
-A stage runs only where its result is not in the private store: new d_safe values touch neither
-geometry nor what they do not change, a new geometry touches no upload.
+A stage runs only if its result is not in the private store: new d_safe values need neither geometry
+nor anything that does not depend on them, and a new geometry reads no upload.
 """
 
 import hmac
@@ -35,46 +35,46 @@ from exceptiondrive_worker.splits.private_store import PrivateStore, Shelf, cont
 from exceptiondrive_worker.splits.store import LoadedSplit
 
 LoadUpload = Callable[[str], bytes]
-"""File digest -> the bytes, proven to be those."""
+"""File digest -> the bytes, verified against it."""
 ReadAnswers = Callable[[bytes, Challenge, Manifest, ProtocolDocument], Columns | CheckReport]
 """Upload -> answers as columns in the split's order, or the report of all faults."""
 
 
 @dataclass(frozen=True)
 class Target:
-    """What is scored against what."""
+    """A file to score, and the challenge, split and protocol to score it against."""
 
     file_digest: str
     challenge: Challenge
     split: LoadedSplit
     protocol: ProtocolDocument
     read_under: ProtocolDocument | None = None
-    """Whose bounds the upload passed; by default those of `protocol`."""
+    """The protocol whose bounds the upload passed; by default `protocol`."""
     made: Columns | None = None
-    """Answers of all samples, where they are at hand: made here, `file_digest` is theirs then, or just read."""
+    """Answers to all samples, if in memory: just read, or made here (`file_digest` is theirs)."""
 
     @property
     def scoring(self) -> ChallengeScoring:
-        """How its challenge is scored."""
+        """The scoring of its challenge."""
         return scoring_of(self.challenge.id)
 
 
 @dataclass(frozen=True)
 class Scored:
-    """An exact score sheet, which stays with the worker, and where its measurements are kept."""
+    """An exact score sheet, which stays with the worker, and the key of its measurements."""
 
     sheet: ScoreSheet
     measurement_key: str
     regions_digest: str
-    """Of all regions of the split: withheld."""
+    """Digest of all regions of the split: withheld."""
 
     @property
     def digest(self) -> str:
-        """Digest of the exact sheet: a rescoring must come to the same.
+        """Digest of the exact sheet, which a rescoring must reproduce.
 
-        It leaves the worker, so the regions are its key (HMAC-SHA256). Without one, an upload that
-        answers a single sample would let whoever sees the digest try every clearance that this
-        sample may have, and no rounding of what is published would bound that.
+        It leaves the worker, so it is keyed with the regions (HMAC-SHA256). Without a key, whoever
+        sees the digest of an upload that answers a single sample could try every clearance that
+        this sample may have, which the rounding of published values would not limit.
         """
         key = self.regions_digest.encode("ascii")
         return f"sha256:{hmac.digest(key, canonical_json(self.sheet), 'sha256').hex()}"
@@ -89,7 +89,7 @@ class RejectedUpload(Exception):  # noqa: N818 - the file is wrong, not the prog
 
 
 def too_large_to_read(digest: str, size_bytes: int) -> CheckReport:
-    """Report of a file that cannot be read in the memory that a worker may take."""
+    """Return the report of a file that does not fit into a worker's memory when read."""
     fault = Fault(path="$", expected="a file that a worker can read", got="out of memory")
     group = FaultGroup(
         code=FaultCode.INFLATES_TOO_LARGE,
@@ -108,7 +108,7 @@ def too_large_to_read(digest: str, size_bytes: int) -> CheckReport:
 
 
 class Stages:
-    """Runs the stages of a scoring run, and only those whose result is not kept yet."""
+    """Runs the stages of a scoring run, but only those whose result is not cached."""
 
     def __init__(
         self, private: PrivateStore, load_upload: LoadUpload, read_answers: ReadAnswers
@@ -130,7 +130,7 @@ class Stages:
         return Scored(sheet, _measurement_key(target), split.regions_digest)
 
     def settled(self, target: Target) -> Settled:
-        """Return what no required clearance changes in a sheet; kept where the challenge grades the rest from it.
+        """Return the part of a sheet without required clearances; cached if the challenge regrades.
 
         Raises:
             RejectedUpload: The upload has faults.
@@ -172,7 +172,7 @@ class Stages:
         return measured
 
     def report(self, target: Target) -> CheckReport:
-        """Return what the precise checker says of an upload: for its team, word for word as `check`."""
+        """Return the precise checker's report on an upload, word for word as its team's `check`."""
         return check(
             self._load_upload(target.file_digest),
             protocol=target.read_under or target.protocol,
@@ -182,7 +182,7 @@ class Stages:
         ).report
 
     def answers(self, target: Target) -> Columns:
-        """Return what an upload holds, in the split's order.
+        """Return the answers in an upload, in the split's order.
 
         Raises:
             RejectedUpload: The upload has faults.
@@ -198,7 +198,7 @@ class Stages:
         return answers
 
     def counted_answers(self, target: Target) -> Columns:
-        """Return those of them that count, in the order of `measurements`.
+        """Return the answers that count, in the order of `measurements`.
 
         Raises:
             RejectedUpload: The upload has faults.
@@ -206,7 +206,7 @@ class Stages:
         return _rows(self.answers(target), target.split.rows)
 
     def scene_sums_key(self, target: Target, measurement_key: str) -> str:
-        """Return the key of what is made of the scene sums that belong to measurements."""
+        """Return the key of results that are derived from the scene sums of these measurements."""
         return content_key(
             "sums",
             SCORER_VERSION,
@@ -221,7 +221,7 @@ class Stages:
         """Return the sums per scene of an entry, for the bootstrap.
 
         Raises:
-            RejectedUpload: The measurements are not kept any more, and the upload now has faults.
+            RejectedUpload: The measurements are no longer cached, and the upload now has faults.
         """
         scores = self.sample_scores(target, measurement_key)
         scores = scores.only(target.challenge.interval_metrics)
@@ -231,7 +231,7 @@ class Stages:
         """Return the metric values of each sample: withheld, never to leave the worker.
 
         Raises:
-            RejectedUpload: The measurements are not kept any more, and the upload now has faults.
+            RejectedUpload: The measurements are no longer cached, and the upload now has faults.
         """
         kept = self.private.read_columns(Shelf.MEASUREMENTS, measurement_key)
         measured = kept or self.measurements(target)
@@ -266,9 +266,9 @@ def _measurement_key(target: Target) -> str:
 
 
 def _read_as(target: Target) -> tuple[str, ...]:
-    """What the answers of an upload depend on: besides its bytes the ids, their order, and the waypoints.
+    """Return what the answers depend on besides the upload's bytes: ids, their order, waypoints.
 
-    The bounds that an upload is checked against are not part of it: what was accepted once stays
+    The bounds that an upload is checked against are not part of it: once accepted, it stays
     accepted.
     """
     manifest = target.split.manifest

@@ -1,8 +1,8 @@
-"""The trial run: whether a split can be scored under what a rescoring run leads to.
+"""The trial run: check whether a split can be scored under the target of a rescoring run.
 
-What goes back is each reason, of a public split with the count of its samples: counts of regions
-tell of regions. The floors of a withheld split come first, and a trial counts among the
-protocols that they allow.
+Results are the reasons, for a public split with the number of affected samples; on a withheld split
+such counts would reveal regions. Floors of a withheld split are checked first, and a trial counts
+among the protocols that they allow.
 """
 
 from exceptiondrive_records.phases.tables import Phase
@@ -21,7 +21,7 @@ from exceptiondrive_worker.splits.floors_held import open_split
 
 
 def try_next_split(context: WorkerContext) -> bool:
-    """Try the split that comes next; whether there was one."""
+    """Try the next split; return whether there was one."""
     item = context.claim_oldest(Trial)
     if item is None:
         return False

@@ -1,8 +1,8 @@
-"""From the bytes of an upload to answers as columns, or to the report of all its faults.
+"""Read the bytes of an upload into answers as columns, or into a report of all its faults.
 
-Two readers with one verdict. The fast one decodes a fixed shape and checks whole arrays; it only
-ever says "sound" or "not sure". Whatever it is not sure of goes to the precise checker, which the
-client runs too, and which decides. So only a faulty or an unusual file pays for the precise report.
+There are two readers with one verdict. The fast one decodes a fixed shape and checks whole arrays;
+it only ever says "sound" or "not sure". If it is not sure, the precise checker decides, which the
+client runs, too. So only faulty or unusual files pay for the precise report.
 """
 
 from collections.abc import Callable
@@ -30,7 +30,7 @@ FAST_READERS: dict[ChallengeId, FastReader] = {
     PLANNING.id: read_planning,
     STRATEGY.id: read_strategy,
 }
-"""Files of a challenge without one are read by the precise checker alone."""
+"""A challenge that is missing here uses the precise checker only."""
 
 
 def read_upload(
@@ -39,9 +39,9 @@ def read_upload(
     manifest: Manifest,
     protocol: ProtocolDocument,
 ) -> Columns | CheckReport:
-    """Read an upload completely, or say everything that is wrong with it.
+    """Read an upload completely, or report everything that is wrong with it.
 
-    It is plain JSON or gzip. The server has judged its size; the JSON in it is bounded here.
+    It is plain JSON or gzip. The server has checked its size; here the inflated JSON is limited.
 
     Returns:
         Named arrays in the order of the manifest, as `ChallengeScoring.measure` takes them; or the

@@ -1,6 +1,6 @@
-"""The verification run: recompute a sheet from its upload, and demand every bit again.
+"""The verification run: recompute a sheet from its upload, and require identical bits.
 
-Nothing that was kept is looked at: the stages run over an empty private store.
+Cached results are not used: the stages run on an empty private store.
 """
 
 import tempfile
@@ -30,7 +30,7 @@ _log = structlog.get_logger("exceptiondrive.worker")
 
 
 def verify_next(context: WorkerContext) -> bool:
-    """Recompute the sheet that comes next; whether there was one, and may be more."""
+    """Recompute the next sheet; return whether there was one, and may be more."""
     item = context.claim_oldest(Recheck)
     if item is None:
         return False
@@ -51,7 +51,7 @@ def _verify(context: WorkerContext, item: Recheck) -> None:
         protocol = find_protocol(session, run.to_protocol_digest)
         read_under = accepted_under(session, submission.id)
     challenge = CHALLENGES[phase.challenge]
-    # No floor is asked: they let this very sheet be made, and nothing is told but whether it comes again.
+    # Floors are not checked: they allowed this sheet, and only whether it recurs is reported.
     split = context.splits.find(phase.split_name, run.to_split_revision, protocol)
     target = Target(submission.file_digest, challenge, split, protocol, read_under)
     with tempfile.TemporaryDirectory(prefix=VERIFY_PREFIX, dir=context.private.root) as folder:
@@ -72,7 +72,7 @@ def _verify(context: WorkerContext, item: Recheck) -> None:
 def _difference(
     expected_digest: str, expected: ScoreSheet, digest: str, may_be_published: Sequence[ScoreSheet]
 ) -> str | None:
-    """Demand every published number, and the digest of the unrounded sheet; None: they came again."""
+    """Compare all published numbers and the digest of the unrounded sheet; None if equal."""
     made_by, here = expected.scorer_version, may_be_published[0].scorer_version
     agrees = expected.model_copy(update={"scorer_version": here}) in may_be_published
     if made_by != here:

@@ -1,8 +1,8 @@
-"""A worker that was woken does what comes next in its lane, until nothing is left for it.
+"""A woken worker processes its lane until nothing is left for it.
 
-Whoever finds a newer scorer among the workers refuses to work: two versions must never make sheets
-at one time. Workers that stop in good order leave the list, so that an organizer can go back to an
-older release on purpose.
+A worker that finds a newer scorer among the workers refuses to work: two versions must never make
+sheets at the same time. Workers that stop cleanly leave the list, so that an organizer can go back
+to an older release on purpose.
 """
 
 import time
@@ -23,17 +23,17 @@ from exceptiondrive_worker.trial_run import try_next_split
 from exceptiondrive_worker.verify_run import verify_next
 
 _PART_OF_LIMIT = 0.02
-"""Celery's limits of time count from the message. Once this part of the soft one has passed nothing
-is begun: the lane is woken again instead."""
+"""Celery's time limits count from the message. After this part of the soft limit no new work is
+begun: the lane is woken again instead."""
 _MOST_PATIENCE_S = 1.0
-"""In a rush of live work a rescoring run goes on, at this pace."""
+"""Upper bound of the wait, so that a rescoring run goes on slowly during much live work."""
 _POLL_EVERY_S = 0.02
 
 _log = structlog.get_logger("exceptiondrive.worker")
 
 
 def may_work(session: Session) -> bool:
-    """Whether no newer scorer has joined since this worker began; the log says so otherwise."""
+    """Whether no newer scorer has joined since this worker began; otherwise that is logged."""
     try:
         refuse_if_older(session)
     except OlderScorerError as error:
@@ -43,10 +43,10 @@ def may_work(session: Session) -> bool:
 
 
 def work(context: WorkerContext, lane: Lane) -> int:
-    """Do what waits in a lane, one thing after the other; return how many.
+    """Do what waits in a lane, one item after the other; return their number.
 
-    Whoever has done something wakes others for what is left, and for what has become due by it.
-    Whoever finds nothing for itself wakes nobody: two workers could wake each other without end.
+    A worker that has done something wakes others for what is left, and for what became due by it.
+    One that found nothing wakes nobody: two workers could wake each other without end.
     """
     until = time.monotonic() + _PART_OF_LIMIT * context.settings.soft_time_limit_s
     n_done = 0
@@ -58,9 +58,9 @@ def work(context: WorkerContext, lane: Lane) -> int:
 
 
 def _do_next(context: WorkerContext, lane: Lane) -> bool:
-    """Due boards come first: their own pace keeps them from taking more than their part.
+    """Do the next item of a lane. Due boards come first: their pace limits their share.
 
-    What a file looks like comes last: no score waits for it.
+    Profiles of files come last: no score waits for them.
     """
     if lane is Lane.RESCORE:
         if Lane.LIVE in context.lanes and _do_next(context, Lane.LIVE):
@@ -80,9 +80,9 @@ def _do_next(context: WorkerContext, lane: Lane) -> bool:
 
 
 def let_live_work_pass(context: WorkerContext) -> None:
-    """Wait a moment before anything of the background, while other workers have live work.
+    """Delay background work briefly while other workers have live work.
 
-    All of them write to one database, one after the other. A worker that serves the live lane too
+    All of them write to one database, one after the other. A worker that also serves the live lane
     does not wait: the live work may be waiting for it.
     """
     until = time.monotonic() + (0 if Lane.LIVE in context.lanes else _MOST_PATIENCE_S)

@@ -1,1 +1,1 @@
-"""Boards as the worker makes them: rows, comparisons, references, what may be told of them."""
+"""Boards as the worker builds them: rows, comparisons, references, and rounding for publication."""

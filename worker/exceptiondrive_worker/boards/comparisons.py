@@ -1,10 +1,10 @@
-"""Intervals of entries, and the best of them against each other, sample by sample.
+"""Intervals of entries, and paired comparisons of the best ones, sample by sample.
 
-Intervals are computed once per entry and kept: a new entry costs only its own. The draws come from
-the protocol's seed alone, so what was computed for one board serves the next.
+Intervals are computed once per entry and cached: a new entry costs only its own. The draws come
+from the protocol's seed alone, so results computed for one board serve the next.
 
 Sample scores are withheld: they are compared here, and only rounded differences leave. A comparison
-is kept under the hash of what made it, so a new entry on the board repeats none.
+is cached under the hash of its inputs, so a new entry on the board repeats none.
 """
 
 from collections.abc import Mapping, Sequence
@@ -31,7 +31,7 @@ Standing = tuple[Target, EntryRecord]
 
 
 def best_ranked(entries: Sequence[BoardEntry], protocol: ProtocolDocument) -> list[str]:
-    """Return the submissions that are compared, in order; ranked rows stand first and in order."""
+    """Return the submissions that are compared, in order; ranked rows come first and in order."""
     ranked = (row.submission_id for row in entries if row.rank is not None and row.submission_id)
     return list(islice(ranked, protocol.publication.compared_entries))
 
@@ -42,10 +42,10 @@ def comparisons(
     protocol: ProtocolDocument,
     rounding: Rounding,
 ) -> tuple[PairedComparison, ...]:
-    """Compare each of the best ranked entries with each, the better ranked first; rounded.
+    """Compare each pair of the best ranked entries, the better ranked first; rounded.
 
-    Of a withheld split two entries of one team are not compared: two files that differ in one sample
-    would have an interval that is that sample's value. The records have their whole sheets.
+    On a withheld split two entries of one team are not compared: for two files that differ in one
+    sample, the interval would be that sample's value. The records have their whole sheets.
     """
     return tuple(
         published_comparison(
@@ -61,7 +61,7 @@ def comparisons(
 
 
 def kept_comparison(stages: Stages, a: Standing, b: Standing) -> PairedComparison:
-    """Compare two entries, who are A and B in it, unless that was done before; nothing is rounded."""
+    """Return the comparison of two entries, called A and B, cached if possible; unrounded."""
     target = a[0]
     key = content_key(
         "comparison/5",
@@ -79,7 +79,7 @@ def kept_comparison(stages: Stages, a: Standing, b: Standing) -> PairedCompariso
 
 
 def _named(found: PairedComparison, a: EntryRecord, b: EntryRecord) -> PairedComparison:
-    """Put submissions, and in verdicts methods, in the place of A and B."""
+    """Replace A and B by the submissions, and in verdicts by the methods."""
     methods = {"A": a.method, "B": b.method}
 
     def words(verdict: str) -> str:
@@ -107,13 +107,13 @@ def published_comparison(
     sheets: tuple[ScoreSheet, ScoreSheet],
     rounding: Rounding,
 ) -> PairedComparison:
-    """Round a comparison, metrics in column order; only this may leave the worker.
+    """Round a comparison, metrics in column order; only this result may leave the worker.
 
     Families and tasks with fewer samples than the protocol publishes are left out. A difference is
-    taken between the published values of the sheets: rounded by itself, it would be one more reading
-    of the exact ones, and nine comparisons would be nine (docs/leakage.md). A shift or progress may be
-    undefined, asks nothing of regions, and is compared where both define it. How many samples differ
-    is told of public splits alone: it counts differences below any rounding.
+    taken between the published values of the sheets: rounded on its own, each would be one more
+    reading of the exact values (docs/leakage.md). A shift or progress may be undefined, does not
+    depend on regions, and is compared where both define it. How
+    many samples differ is published for public splits only: it counts differences below rounding.
     """
     first = challenge.metrics[0].key
     headlines = [sheet.average(protocol.grading.headline) for sheet in sheets]
@@ -163,7 +163,7 @@ def rounded_difference(
 ) -> PairedDifference:
     """Round a difference between two published rows, first minus second.
 
-    Of a metric that may be undefined it is that over the samples that both define.
+    For a metric that may be undefined, it is the difference over the samples that both define.
     """
     if metric.may_be_undefined:
         difference = rounding.metric(metric.key, exact.difference)
@@ -183,7 +183,7 @@ def rounded_difference(
 def _coarse_difference(
     exact: PairedDifference, key: str, rows: Sequence[MetricRow], rounding: Rounding
 ) -> PairedDifference:
-    """A task's difference: few samples, so nothing finer than the two published cells."""
+    """Return a task's difference: few samples, so nothing finer than the two published cells."""
     interval = rounding.coarse_interval(exact.interval)
     return PairedDifference(
         difference=_cell_difference(key, rows, rounding),
@@ -209,7 +209,7 @@ _FIELDS = fields(Uncertainty)
 
 
 def entry_uncertainties(stages: Stages, entries: Sequence[tuple[Target, str]]) -> list[Uncertainty]:
-    """Return the intervals of the entries of one board, told by target and key of measurements, in order."""
+    """Return the intervals of a board's entries, in order; each is a target and measurement key."""
     keys = [_key(stages, target, measurement_key) for target, measurement_key in entries]
     kept = {key: _kept_uncertainty(stages.private, key) for key in keys}
     found = {key: uncertainty for key, uncertainty in kept.items() if uncertainty is not None}
@@ -218,7 +218,7 @@ def entry_uncertainties(stages: Stages, entries: Sequence[tuple[Target, str]]) -
         protocol, challenge = entries[0][0].protocol, entries[0][0].challenge
         sums = (stages.scene_sums(*entry) for entry in missing.values())
         computed = bootstrap(sums, challenge, protocol.ranking, protocol.grading.headline)
-        # each is kept at once: a build that is ended in its middle goes on from there
+        # each is cached at once: a build that is interrupted continues from there
         for key, uncertainty in zip(missing, computed, strict=True):
             stages.private.write_columns(Shelf.INTERVALS, key, _columns(uncertainty))
             found[key] = uncertainty
@@ -236,7 +236,7 @@ def _key(stages: Stages, target: Target, measurement_key: str) -> str:
 
 
 def _columns(uncertainty: Uncertainty) -> Columns:
-    """Every field as an array; a plain number has no axes."""
+    """Return every field as an array; a plain number has no axes."""
     return {field.name: np.asarray(getattr(uncertainty, field.name)) for field in _FIELDS}
 
 

@@ -26,7 +26,7 @@ _A_REFERENCE = "a reference, for comparison"
 
 @dataclass(frozen=True)
 class ScoredEntry:
-    """An entry and how sure its numbers are."""
+    """An entry and the uncertainty of its metrics."""
 
     record: EntryRecord
     uncertainty: Uncertainty
@@ -35,7 +35,7 @@ class ScoredEntry:
 
 @dataclass(frozen=True)
 class ScoredReference:
-    """A reference that the worker made, its published sheet and how sure its numbers are."""
+    """A reference made by the worker: its published sheet and the uncertainty of its metrics."""
 
     reference: Reference
     sheet: ScoreSheet
@@ -51,8 +51,8 @@ def board_entries(
 ) -> tuple[BoardEntry, ...]:
     """Return the rows of a board: ranked entries first, then references, those of teams last.
 
-    Entries that take no rank for their flags follow the ranked ones, in the order that they would
-    have among them; then those that have no rank to take.
+    Entries that take no rank because of their flags follow the ranked ones, in the order that they
+    would have among them; then come those that cannot be ranked.
     """
     rows = _Rows(challenge, protocol, rounding)
     of_teams = [entry for entry in entries if not entry.record.is_reference]
@@ -79,7 +79,7 @@ def board_entries(
 
 
 def family_heads(split: LoadedSplit, protocol: ProtocolDocument) -> tuple[FamilyHead, ...]:
-    """Families that have samples on this split, in taxonomy order."""
+    """Return the families that have samples on this split, in taxonomy order."""
     arrays, least = split.arrays, protocol.ranking.min_scenes
     heads = []
     for index, family in enumerate(protocol.families):
@@ -91,7 +91,7 @@ def family_heads(split: LoadedSplit, protocol: ProtocolDocument) -> tuple[Family
 
 
 class _Rows:
-    """Makes rows of one board; everything in them is rounded."""
+    """Builds the rows of one board; everything in them is rounded."""
 
     def __init__(
         self, challenge: Challenge, protocol: ProtocolDocument, rounding: Rounding
@@ -105,7 +105,7 @@ class _Rows:
         self._keys_of_intervals = [metric.key for metric in challenge.interval_metrics]
 
     def ranks(self, entries: Sequence[ScoredEntry], may_rank: Sequence[bool]) -> list[int | None]:
-        """Rank entries among those that may, by what is published; None for the others."""
+        """Rank the entries that may rank, by their published values; None for the others."""
         sheets = [entry.record.sheet for entry in entries]
         takes_part = [
             may and self._is_covered(sheet) for may, sheet in zip(may_rank, sheets, strict=True)
@@ -113,10 +113,10 @@ class _Rows:
         return ranks([sheet.average(self._average) for sheet in sheets], takes_part, self._order)
 
     def spread(self, ranked: Sequence[ScoredEntry]) -> list[tuple[int, int] | None]:
-        """Best and worst rank that are left open, of entries in the order of their ranks.
+        """Return the best and the worst possible rank of each entry, in the order of ranks.
 
-        None where scenes are too few to say. By the draws where the split is public, else by what
-        is told of the intervals: exact draws compare two entries by one sample, as finely as an
+        None if there are too few scenes. On a public split ranges come from the draws, else from
+        the published intervals: exact draws compare two entries by single samples, as finely as an
         attacker likes.
         """
         first = self._order[0]
@@ -156,13 +156,13 @@ class _Rows:
         return row.model_copy(update={"rank": rank, "rank_interval": interval})
 
     def reference(self, entry: ScoredEntry) -> BoardEntry:
-        """The row of a team that never ranks."""
+        """Return the row of a team's entry that never ranks."""
         return self._row(entry).model_copy(
             update={"source": "reference", "unranked_because": _A_REFERENCE}
         )
 
     def made(self, made: ScoredReference, missing: Collection[Reference]) -> BoardEntry:
-        """The row of a reference that no team sent; it names those that the split cannot have."""
+        """Return the row of a reference without a team; it names those the split cannot have."""
         description = made.reference.description
         if missing:
             names = " and ".join(sorted(each.method for each in missing))
@@ -198,7 +198,7 @@ class _Rows:
         )
 
     def _numbers(self, sheet: ScoreSheet, sure: Uncertainty) -> dict[str, Any]:
-        """What a row says of its sheet."""
+        """Return the fields of a row that come from its sheet."""
         headline = sheet.average(self._average)
         return {
             "metrics": headline,
@@ -233,7 +233,7 @@ class _Rows:
         }
 
     def _is_covered(self, sheet: ScoreSheet) -> bool:
-        """Whether a file answers enough to be ranked, by the exact shares."""
+        """Whether a file answers enough samples to be ranked, by the exact shares."""
         shares = sheet.coverage.exact_shares(sheet.n).values()
         return all(share >= self._protocol.ranking.min_coverage for share in shares)
 

@@ -1,7 +1,7 @@
-"""Reference rows: what needs no skill, scored as entries are, on every board by itself.
+"""Reference rows: baselines that need no skill, scored like entries and added to every board.
 
 They are no submissions: nobody uploaded them, and they depend on split and protocol alone. So each
-board makes its own, from the private store where they are kept, and an old board keeps its.
+board makes its own, from the cache in the private store, and an old board keeps its own.
 """
 
 from dataclasses import replace
@@ -17,9 +17,9 @@ from exceptiondrive_worker.stages import Stages, Target
 
 
 def scored_references(stages: Stages, like: Target, rounding: Rounding) -> list[ScoredReference]:
-    """Score the references of a challenge, so far as the split has what they are made of.
+    """Score the references of a challenge for which the split has the data.
 
-    `like` is a target with the challenge, split and protocol of the board, whatever its file.
+    `like` is a target with challenge, split and protocol of the board; its file does not matter.
     """
     split, geometry = like.split, like.protocol.geometry
     n_samples = len(split.manifest.sample_ids)

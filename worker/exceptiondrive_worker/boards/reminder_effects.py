@@ -1,6 +1,6 @@
-"""What a reminder changed: an entry against its linked counterpart, sample by sample.
+"""The effect of a reminder: an entry against its linked counterpart, sample by sample.
 
-The two are compared as any two entries (`comparisons`), and only rounded differences leave.
+The two are compared like any two entries (`comparisons`), and only rounded differences leave.
 """
 
 from collections.abc import Sequence
@@ -28,7 +28,7 @@ def reminder_effects(
 ) -> list[ReminderEffect | None]:
     """Return the published effect of each entry of one board, in order.
 
-    None where it is linked to no entry of the board, or to one that has reminder records of its own.
+    None if it is linked to no entry of the board, or to one that has reminder records of its own.
     """
     plain = {
         record.submission_id: (target, record)
@@ -63,10 +63,10 @@ def _effect(
 def published_effect(
     effect: ReminderEffect, challenge: Challenge, rounding: Rounding, rows: Sequence[MetricRow]
 ) -> ReminderEffect:
-    """Round an effect, metrics in column order; only this may leave the worker.
+    """Round an effect, metrics in column order; only this result may leave the worker.
 
-    `rows` are the published headlines with the reminder and without it: their differences are told, as
-    in a comparison, and nothing more.
+    `rows` are the published headlines with and without the reminder: as in a comparison, only their
+    differences are published.
     """
     differences = {
         metric.key: rounded_difference(effect.differences[metric.key], metric, rows, rounding)

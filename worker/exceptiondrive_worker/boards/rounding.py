@@ -1,7 +1,7 @@
 """Rounding for publication: no digit leaves the worker that the protocol does not publish.
 
 Exact values stay in the private store. A score sheet is rounded once, here, and everything that
-is shown, ranked or sorted is made from the rounded one.
+is shown, ranked or sorted is computed from the rounded one.
 """
 
 import math
@@ -24,9 +24,9 @@ from exceptiondrive_worker.stages import Target
 class Rounding:
     """Rounds values of one challenge by the protocol's publication section.
 
-    Of a withheld split, whose regions not everybody may read, intervals of shares are told to whole per
-    cents: they are further readings of the same samples, and finer ones would tell more than the bounds
-    of docs/leakage.md count.
+    On a withheld split, whose regions are not public, intervals of shares are published in whole
+    per cents: they are further readings of the same samples, and finer ones would reveal more than
+    the bounds of docs/leakage.md count.
     """
 
     def __init__(
@@ -46,7 +46,7 @@ class Rounding:
 
     @classmethod
     def of(cls, target: Target, *, is_public: bool) -> Self:
-        """Return what rounds the sheet of a target, whose split is public or withheld."""
+        """Return the rounding for the sheet of a target, whose split is public or withheld."""
         has_drives = target.split.manifest.recorded is not None
         publication = target.protocol.publication
         return cls(target.challenge, publication, is_public=is_public, has_public_drives=has_drives)
@@ -56,7 +56,7 @@ class Rounding:
         return None if value is None else _rounded(value, self._fraction_decimals)
 
     def metric(self, key: str, value: float | None) -> float | None:
-        """Round a value of a metric; keys that are no metric hold shares."""
+        """Round a value of a metric; keys that are not metrics hold shares."""
         return None if value is None else _rounded(value, self._decimals(key))
 
     def row(self, metrics: MetricRow) -> MetricRow:
@@ -64,7 +64,7 @@ class Rounding:
         return {key: self.metric(key, value) for key, value in metrics.items()}
 
     def counted_row(self, row: MetricRow) -> MetricRow:
-        """Round a further row; one that counts too few samples is withheld but for its `n`."""
+        """Round a further row; of one that counts too few samples only `n` is kept."""
         n = row.get("n")
         if n is not None and n < self._publication.min_samples_per_cell:
             return dict.fromkeys(row) | {"n": n}
@@ -89,7 +89,7 @@ class Rounding:
     def cell(self, row: BreakdownRow, told: Collection[str]) -> BreakdownRow:
         """Round a family or task; below the least number of samples its metrics are withheld.
 
-        `told` are the kinds of `Metric.cells` that this split tells.
+        `told` are the kinds of `Metric.cells` that are published for this split.
         """
         metrics = row.metrics
         if row.n is not None and row.n < self._publication.min_samples_per_cell:

@@ -1,4 +1,4 @@
-"""The board run: rank the scored entries of a phase under a protocol into a new snapshot."""
+"""The board run: rank the scored entries of a phase under a protocol into a new board snapshot."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -52,9 +52,9 @@ _log = structlog.get_logger("exceptiondrive.worker")
 
 
 def build_next_board(context: WorkerContext, lane: Lane) -> bool:
-    """Build and publish the board of a lane that is due longest; whether there was one.
+    """Build and publish the board of a lane that is due longest; return whether there was one.
 
-    A build that ends in an error keeps its lease, and is tried again when that runs out.
+    A failed build keeps its lease, and is tried again when that expires.
     """
     with context.database.claim() as session:
         request = claim_board(session, lane, context.settings.board_lease_s)
@@ -65,7 +65,7 @@ def build_next_board(context: WorkerContext, lane: Lane) -> bool:
 
 
 def build_board(context: WorkerContext, claimed: BoardRequest) -> None:
-    """Build and publish the board that was claimed; what is drawn beside it follows."""
+    """Build and publish the board that was claimed, then its drawings."""
     phase_id = claimed.phase_id
     where = {"job": claimed.subject, "phase": phase_id}
     try:
@@ -91,19 +91,19 @@ def build_board(context: WorkerContext, claimed: BoardRequest) -> None:
 def with_previous_ranks(
     entries: tuple[BoardEntry, ...], latest: str | None, current: str | None
 ) -> tuple[BoardEntry, ...]:
-    """Mark where each ranked entry of a new board stood on the current board, which is told as recorded.
+    """Add each ranked entry's rank on the current board, which is given as recorded.
 
-    Entries that say what the latest board of this protocol says get the marks that stand there:
+    If the entries equal those of the latest board of this protocol, its previous ranks are kept:
     building a board twice changes nothing.
     """
     if latest is not None and _says_the_same(entries, latest):
         places = [row.previous_rank for row in entries_of(latest)]
     elif current is not None:
-        # a submission may get another name; the next run of a method has that of one that left
+        # a submission may be renamed; a method's next run inherits the rank of the one that left
         stay = {row.submission_id for row in entries}
         by_submission: dict[str | None, int | None] = {}
         by_name: dict[tuple[str, str], int | None] = {}
-        for was in entry_documents(current):  # none is kept: a long board's would take most memory
+        for was in entry_documents(current):  # streamed: a long board would take most of the memory
             if was["source"] == "scored":
                 by_submission[was["submission_id"]] = was["rank"]
                 if was["submission_id"] not in stay:
@@ -123,13 +123,13 @@ def with_previous_ranks(
 
 
 def _says_the_same(entries: tuple[BoardEntry, ...], body: str) -> bool:
-    """Whether a recorded board says of its entries what these say, previous ranks apart."""
+    """Whether a recorded board has the same entries, apart from previous ranks."""
     said = (row.model_copy(update={"previous_rank": None}) for row in entries_of(body))
     return all(one == other for one, other in zip_longest(said, entries))
 
 
 def _late_board(context: WorkerContext, claimed: BoardRequest) -> Board | None:
-    """The board of the late view; None where the phase has none, or nothing came late."""
+    """Return the board of the late view; None if the phase has none, or nothing came late."""
     with context.database.read() as session:
         phase = find_phase(session, claimed.phase_id)
         if phase.policy.late_entries != "own_view":
@@ -143,7 +143,7 @@ def _late_board(context: WorkerContext, claimed: BoardRequest) -> Board | None:
 def _board(
     context: WorkerContext, claimed: BoardRequest, view: BoardView = "main"
 ) -> tuple[Board, list[Drawable], Target]:
-    """The board, what of it may be drawn, and the target of no file that is like all of the phase."""
+    """Return the board, the entries that may be drawn, and a target of the phase without a file."""
     with context.database.read() as session:
         phase = find_phase(session, claimed.phase_id)
         protocol = find_protocol(session, claimed.protocol_digest)
@@ -155,7 +155,7 @@ def _board(
             current_board(session, phase.id),
         )
         if view == "main" and latest is not None and is_draft(session, latest):
-            latest = None  # it tells where each stood on a board that may have been another
+            latest = None  # it gives previous ranks on a board that may have been another one
         bodies = [None if row is None else row.body for row in (latest, current)]
         ref = SplitRef(name=phase.split_name, revision=claimed.split_revision)
         is_public = find_public_split(session, ref) is not None
@@ -183,7 +183,7 @@ def _board(
         split=split.manifest.ref,
         protocol=ProtocolRef.of(protocol),
         headline=protocol.grading.headline,
-        board=0,  # number and date are given when it is published
+        board=0,  # number and date are assigned on publication
         published_at=datetime.fromtimestamp(0, UTC),
         n_samples=split.arrays.n_samples,
         confidence=protocol.ranking.confidence,
@@ -194,14 +194,14 @@ def _board(
         part=part,
         min_scenes=protocol.ranking.min_scenes if has_too_few_scenes else None,
     )
-    _ = board.content_digest  # kept from here on: it is not made while the write lock is held
+    _ = board.content_digest  # computed and cached now, not while the write lock is held
     return board, [(target, record.submission_id) for target, record in standings], like
 
 
 def _best(
     context: WorkerContext, standings: Sequence[Standing], names: Sequence[str], key: ScoringKey
 ) -> list[Standing]:
-    """The standings of these submissions, in their order, with their whole sheets."""
+    """Return the standings of these submissions, in their order, with their whole sheets."""
     found = {record.submission_id: (target, record) for target, record in standings}
     best = [found[name] for name in names]
     if not best:

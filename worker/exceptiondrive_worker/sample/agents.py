@@ -1,6 +1,6 @@
 """Synthetic driving agents that answer A to E, and the reminder that helps one of them.
 
-They know the hazard of a sample and are wrong on purpose, about as often as the paper's agent is.
+They know the hazard of a sample and are wrong on purpose, about as often as the paper's agent.
 """
 
 from collections.abc import Callable
@@ -13,13 +13,13 @@ from exceptiondrive_schemas.taxonomy import Strategy, Task
 from exceptiondrive_worker.sample.scenes import SampleScene
 
 LOOKS_RIGHT = 0.5
-"""How often the agent is right by itself."""
+"""Probability that the agent is right without a reminder."""
 REMINDED_RIGHT = 0.86
-"""How often what the reminder recommends is right."""
+"""Probability that the reminder's recommendation is right."""
 HEEDS = 0.73
-"""How often the agent does what the reminder recommends."""
+"""Probability that the agent follows the recommendation."""
 TOO_BOLD = 0.95
-"""Share of the wrong answers that warn too little, where there is another way to be wrong."""
+"""Share of the wrong answers that warn too little, if there is another way to be wrong."""
 NAMED_TASK, NAMED_FAMILY, SEEN = 0.66, 0.82, 0.97
 STOP_WITHIN_S, SLOW_WITHIN_S = 1.0, 1.6
 
@@ -41,14 +41,14 @@ class Agent:
 
 
 def looking(sample: SampleScene, protocol: ProtocolDocument, seed: str) -> StrategyPrediction:
-    """Decide from what can be seen: right a little more often than not."""
+    """Decide from what is visible: right slightly more often than not."""
     task = protocol.taxonomy.task(sample.task_id)
     strategy = _answer(task, LOOKS_RIGHT, Random(f"{seed}/look/{sample.sample_id}"))
     return StrategyPrediction(sample_id=sample.sample_id, strategy=strategy)
 
 
 def reminded(sample: SampleScene, protocol: ProtocolDocument, seed: str) -> StrategyPrediction:
-    """The same agent, who mostly heeds a reminder that knows better."""
+    """Decide like the same agent, but mostly follow a reminder that knows better."""
     reminder = _reminder(sample, protocol, Random(f"{seed}/remind/{sample.sample_id}"))
     own = looking(sample, protocol, seed)
     heeds = Random(f"{seed}/heed/{sample.sample_id}").random() < HEEDS
@@ -59,7 +59,7 @@ def reminded(sample: SampleScene, protocol: ProtocolDocument, seed: str) -> Stra
 
 
 def time_gap_rule(sample: SampleScene, protocol: ProtocolDocument, seed: str) -> StrategyPrediction:
-    """Stop, slow down or go on by the time to the hazard alone, whatever the hazard is."""
+    """Stop, slow down or continue by the time to the hazard alone, whatever the hazard is."""
     time_s = sample.hazard.ahead_m / sample.speed_mps
     strategy = Strategy.A
     if time_s < SLOW_WITHIN_S:
@@ -98,7 +98,7 @@ def agent_predictions(
 
 
 def _answer(task: Task, right: float, rng: Random) -> Strategy:
-    """An acceptable answer, or a wrong one that mostly warns too little."""
+    """Return an acceptable answer, or a wrong one that mostly warns too little."""
     over = set(Strategy) - set(task.acceptable) - set(task.under_warning)
     if rng.random() < right:
         return rng.choice(task.acceptable)
@@ -128,7 +128,7 @@ def _reminder(sample: SampleScene, protocol: ProtocolDocument, rng: Random) -> R
 
 
 def _named_task(task: Task, protocol: ProtocolDocument, draw: float, rng: Random) -> Task:
-    """The task itself, another one of its family, or any."""
+    """Return the task itself, another one of its family, or any."""
     if draw < NAMED_TASK:
         return task
     if draw < NAMED_FAMILY:

@@ -30,14 +30,14 @@ class Lane:
 N_WAYPOINTS = 6
 TIME_STEP_S = 0.5
 SHIFT_LENGTH_M = 14.0
-"""Road that a change of lateral place takes at least."""
+"""Least distance along the road over which a car changes its lateral position."""
 
 
 @dataclass(frozen=True)
 class Manoeuvre:
-    """One way through the next seconds, along the lane, and aside: to the left of its centre.
+    """One way to drive the next seconds: along the lane, with an offset to the left of its centre.
 
-    The speed is that at the start, the acceleration that before any braking.
+    The speed is the initial one; the acceleration applies until any braking begins.
     """
 
     speed_mps: float
@@ -57,7 +57,7 @@ class Manoeuvre:
         return driven + speed * braking_s - self.brake_mps2 * braking_s**2 / 2
 
     def left_m(self, along_m: float) -> float:
-        """Lateral place after this much road: a smooth step."""
+        """Lateral offset after this much road: a smooth step."""
         share = min(along_m / max(SHIFT_LENGTH_M, 2 * self.speed_mps), 1.0)
         return self.aside_m * share * share * (3 - 2 * share)
 

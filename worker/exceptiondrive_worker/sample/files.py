@@ -1,4 +1,4 @@
-"""Writes the sample split and the planners' submission files; the same bytes every time."""
+"""Writes the sample split and the planners' submission files; reproducible byte for byte."""
 
 import gzip
 import json
@@ -37,7 +37,7 @@ max_scored_per_day = 2000
 
 _Written = tuple[Planner | Agent, PlanningSubmission | StrategySubmission]
 _OPTIONAL = ("part", "d_safe_m", "acceptable", "reminder")
-"""Keys that are left out where they say nothing."""
+"""Keys that are left out where they have no value."""
 
 
 def write_sample_split(splits_dir: Path) -> Path:
@@ -53,7 +53,7 @@ def write_sample_split(splits_dir: Path) -> Path:
 
 
 def sample_datasheet(split: Split) -> Datasheet:
-    """Say how the sample is made, and count it; nobody chose or reviewed anything of it."""
+    """Describe how the sample is made, and count it; nobody chose or reviewed any of it."""
     protocol = packaged_protocol()
     families, tasks = protocol.taxonomy.families, protocol.taxonomy.tasks
     family_of = {task.id: task.family for task in tasks}

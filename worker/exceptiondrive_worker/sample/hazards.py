@@ -6,24 +6,24 @@ from random import Random
 from exceptiondrive_worker.sample.driving import Lane, Position
 
 FRONT_BUMPER_M = 3.528
-"""Where the footprint of protocol 1.0 ends ahead of the rear axle."""
+"""Distance of the front end of protocol 1.0's footprint ahead of the rear axle."""
 LEAST_GAP_M = 1.2
 CONCAVE_SHARE = 0.35
 BESIDE_M = (5.0, 8.0)
-"""From the lane's centre to the nearer edge of what lies beside the road."""
+"""Distance from the lane's centre to the nearer edge of a region beside the road."""
 Range = tuple[float, float]
 
 
 @dataclass(frozen=True)
 class Placement:
-    """Ranges to draw a region from: size, place beside the lane centre, and slant.
+    """Ranges from which a region is drawn: size, lateral position, and slant.
 
     Attributes:
         length_m: Extent along the lane.
         width_m: Extent across it.
         left_m: Centre, to the left of the lane's centre; negative is the kerb side.
         slant: Shift along the lane per metre across it.
-        may_be_concave: Whether one corner may be pushed in.
+        may_be_concave: Whether one corner may be moved inwards.
     """
 
     length_m: Range
@@ -78,9 +78,9 @@ class Hazard:
 def place(
     task_id: str, lane: Lane, speed_mps: float, rng: Random, *, is_beside: bool = False
 ) -> Hazard:
-    """Draw a hazard of this task some 0.5 to 2 seconds ahead of a car at this speed.
+    """Draw a hazard of this task about 0.5 to 2 seconds ahead of a car at this speed.
 
-    `is_beside` puts it beside the road, where no good driver heeds it.
+    With `is_beside` it lies beside the road, where no good driver heeds it.
     """
     placement = PLACEMENTS[task_id]
     length = rng.uniform(*placement.length_m)
@@ -103,7 +103,7 @@ def place(
 
 
 def _pushed_in(corners: list[Position]) -> Position:
-    """A third corner inside the triangle of the other three: the region becomes concave."""
+    """Return a third corner inside the triangle of the others, which makes the region concave."""
     first, second, _, fourth = corners
     return (
         0.3 * first[0] + 0.35 * (second[0] + fourth[0]),

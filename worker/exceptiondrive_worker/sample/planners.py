@@ -1,7 +1,7 @@
 """Synthetic planners: simple drivers that react to the hazard too late, sideways, or not at all.
 
-Each is a function of what the ego car knows, so that source and edited trajectories differ only by
-the hazard. All of them move as a car can.
+Each is a function of what the ego car knows, so that source and edited trajectories differ only
+because of the hazard. All motion is physically possible.
 """
 
 from collections.abc import Callable
@@ -13,7 +13,7 @@ from exceptiondrive_worker.sample.driving import Manoeuvre
 from exceptiondrive_worker.sample.scenes import SampleScene
 
 PASSING_GAP_M = 1.6
-"""From the edge of the hazard to the middle of the car that passes it."""
+"""Distance from the edge of the hazard to the centre of the car that passes it."""
 
 Driver = Callable[[SampleScene, Random], tuple[Trajectory | None, Trajectory | None]]
 
@@ -22,7 +22,7 @@ Driver = Callable[[SampleScene, Random], tuple[Trajectory | None, Trajectory | N
 class Planner:
     """A synthetic planner: its name on the board, what it does, and how it drives.
 
-    `startles` is the share of controls in which it takes what lies beside the road for a hazard.
+    `startles` is the share of controls in which it reacts to a region beside the road.
     """
 
     file_name: str
@@ -33,7 +33,7 @@ class Planner:
 
 
 def late_braker(sample: SampleScene, rng: Random) -> tuple[Trajectory, Trajectory]:
-    """Follow the lane; most hazards are seen, late, and braked for."""
+    """Follow the lane; brake late for most hazards, and miss the others."""
     cruise = _cruise(sample, rng)
     reaction_s = rng.uniform(0.6, 1.3)
     brake = Manoeuvre(sample.speed_mps, brake_at_s=reaction_s, brake_mps2=rng.uniform(4.0, 6.5))
@@ -51,7 +51,7 @@ def bypass_planner(sample: SampleScene, rng: Random) -> tuple[Trajectory, Trajec
 
 
 def noisy_human(sample: SampleScene, rng: Random) -> tuple[Trajectory | None, Trajectory | None]:
-    """Brake, swerve or do nothing, with wandering hands; now and then there is no answer."""
+    """Brake, swerve or do nothing, with unsteady steering; now and then there is no answer."""
     mood, gives_edited, gives_source = rng.random(), rng.random() >= 0.007, rng.random() >= 0.003
     start = Manoeuvre(sample.speed_mps, rng.uniform(-0.5, 0.4), aside_m=rng.uniform(-0.3, 0.3))
     brake_at_s, brake_mps2 = rng.uniform(0.3, 0.9), rng.uniform(3.0, 8.0)
@@ -125,7 +125,7 @@ def _cruise(sample: SampleScene, rng: Random) -> Manoeuvre:
 
 
 def _aside_m(sample: SampleScene) -> float:
-    """The nearer lateral place from which the hazard is passed; at most one lane aside."""
+    """Return the nearer lateral position from which the hazard is passed; at most one lane over."""
     to_the_left = max(sample.hazard.left_m + PASSING_GAP_M, 0.0)
     to_the_right = min(sample.hazard.right_m - PASSING_GAP_M, 0.0)
     nearer = to_the_left if to_the_left <= -to_the_right else to_the_right

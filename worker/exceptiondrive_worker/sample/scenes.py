@@ -43,7 +43,7 @@ class _Scene:
 
 
 def sample_scenes() -> tuple[SampleScene, ...]:
-    """Draw all samples, sorted by sample id; ids tell neither task nor scene nor control."""
+    """Draw all samples, sorted by sample id; ids reveal neither task nor scene nor control."""
     rng = Random(SEED)
     scenes = [_scene(number, rng) for number in range(1, N_SCENES + 1)]
     tasks = _shuffled([task for task in PLACEMENTS for _ in range(SAMPLES_PER_TASK)], rng)
@@ -109,7 +109,7 @@ def _sample(scene: _Scene, task_id: str, rng: Random, *, is_control: bool = Fals
 
 
 def _recorded(sample: SampleScene) -> Trajectory:
-    """What somebody drove where nothing was in the way: along the lane, not quite in its middle."""
+    """Return the drive without a hazard: along the lane, not quite in its centre."""
     rng = Random(f"{SEED}/recorded/{sample.sample_id}")
     drive = Manoeuvre(sample.speed_mps, rng.uniform(-0.6, 0.6), aside_m=rng.uniform(-0.4, 0.4))
     return drive.trajectory(sample.lane)

@@ -1,1 +1,1 @@
-"""Splits as the worker keeps them: read, checked, registered, published, and their floors held."""
+"""Splits in the worker: reading, checks, registration, publication, and enforcement of floors."""

@@ -1,4 +1,4 @@
-"""What an operator does with splits: add and register them, publish a development split."""
+"""An operator's actions on splits: add and register them, publish a development split."""
 
 import gzip
 import zlib
@@ -53,7 +53,7 @@ _REFUSALS = (
 
 @dataclass(frozen=True)
 class RegisteredSplit:
-    """A split file, what was recorded of it, and what lint doubts."""
+    """A split file, what was recorded of it, and the warnings of lint."""
 
     path: Path
     manifest: Manifest
@@ -62,7 +62,7 @@ class RegisteredSplit:
 
 
 class SplitsRefusedError(ValueError):
-    """Files that could not be registered, each with its reason; those in `registered` were."""
+    """Some files could not be registered, each with its reason; those in `registered` were."""
 
     def __init__(
         self, registered: list[RegisteredSplit], refused: Mapping[Path, Exception]
@@ -74,16 +74,16 @@ class SplitsRefusedError(ValueError):
 def register_all_splits(
     database: Database, splits: SplitStore, protocol: ProtocolDocument, words: str = ""
 ) -> list[RegisteredSplit]:
-    """Register the manifest of every split file; what is registered already stays as it is.
+    """Register the manifest of every split file; those registered already are not changed.
 
-    The current file of a split comes last, as new phases take what was registered last. A file that is
-    refused keeps no other from being registered. The words are told to readers of a revision that is new
-    and has no datasheet that says what changed.
+    The current file of a split comes last, because new phases take the revision registered last. A
+    refused file does not keep others from being registered. Readers of a new revision see `words`
+    if no datasheet says what changed.
 
     Raises:
         SplitUnavailableError: There is no file.
         SplitsRefusedError: A file is no split, cannot be scored (every offending sample is listed),
-            lies in a folder of another name, or has floors beside it that cannot be read.
+            lies in a folder of another name, or has unreadable floors beside it.
     """
     paths = splits.files()
     if not paths:
@@ -112,24 +112,24 @@ def add_split_file(
 ) -> RegisteredSplit:
     """Copy a split file, and the datasheet beside it, to where workers look for it; register it.
 
-    A revision that lies there already, be it the current one or an earlier, changes nothing but its
-    datasheet, which is taken anew. The file of an earlier revision stays beside the current one, under
-    a number: what was scored against it can be scored again. No later revision is added without words for
-    readers, its datasheet's or those given here.
+    For a revision that is there already, current or earlier, only the datasheet is replaced. The
+    file of an earlier revision stays beside the current one, under a number, so that entries scored
+    against it can be scored again. A later revision needs words for readers, from its datasheet or
+    from `words`.
 
     Raises:
-        SplitUnreadableError: It is no split, or the datasheet beside it is none, or not this one's.
+        SplitUnreadableError: It is no split, or the datasheet beside it is none, or not its own.
         SplitRefusedError: It cannot be scored.
-        SplitUnavailableError: Another revision lies there, and there are no words about the change,
-            or not those of the datasheet, or its samples are others, or of another part; or it is
-            the first with parts, and some file is scored on the whole.
-        FloorsUnreadableError: The floors beside the split cannot be read. Whatever is raised, nothing
-            was copied.
+        SplitUnavailableError: Another revision is there, and there are no words about the change,
+            or not those of the datasheet, or its samples or their parts differ; or it is the first
+            with parts, and some file has been scored on the whole.
+        FloorsUnreadableError: The floors beside the split cannot be read. Errors leave
+            nothing copied.
     """
     split = read_split(source)
     load_split(split, protocol)
     if splits.folder.joinpath(split.name, FLOORS_FILE).exists():
-        splits.floors(split.name)  # refuses what cannot be read
+        splits.floors(split.name)  # raises if unreadable
     sheet = _sheet_of(split, source) if source.name.startswith("split") else None
     said = sheet.changes.words if sheet is not None and sheet.changes is not None else ""
     folder = splits.folder / split.name
@@ -164,7 +164,7 @@ def add_split_file(
 
 
 def _sheet_of(split: Split, source: Path) -> Datasheet | None:
-    """The datasheet that lies beside a split file, which has to be that of the split."""
+    """Return the datasheet beside a split file, which must belong to the split."""
     sheet = read_datasheet(source)
     if sheet is not None and (sheet.name, sheet.revision) != (split.name, split.revision):
         raise SplitUnreadableError(
@@ -176,7 +176,7 @@ def _sheet_of(split: Split, source: Path) -> Datasheet | None:
 
 
 def _require_same_samples(earlier: Split, later: Split) -> None:
-    """Refuse a revision that no phase on the split could go on with, and every new one would take."""
+    """Refuse a revision with other samples: present phases could not use it, and new ones would."""
     before = {sample.sample_id for sample in earlier.samples}
     after = {sample.sample_id for sample in later.samples}
     if before == after:
@@ -191,7 +191,7 @@ def _require_same_samples(earlier: Split, later: Split) -> None:
 
 
 def _require_same_parts(earlier: Split, later: Split) -> None:
-    """Refuse a revision that takes samples out of their part: a private one would be scored before its time."""
+    """Refuse a revision that moves samples between parts: private ones might be scored early."""
     part_of = {sample.sample_id: sample.part for sample in earlier.samples}
     moved = [it for it in later.samples if part_of.get(it.sample_id) not in (None, it.part)]
     if moved:
@@ -204,7 +204,7 @@ def _require_same_parts(earlier: Split, later: Split) -> None:
 
 
 def _require_parts_in_time(database: Database, split: Split) -> None:
-    """Refuse the first revision with parts once the whole is scored: so its private samples are, too."""
+    """Refuse a first revision with parts once the whole is scored, with its private samples."""
     with database.read() as session:
         known = (row for row in list_splits(session) if row.name == split.name)
         is_first = split.has_parts and not any(row.private_revision for row in known)
@@ -217,12 +217,12 @@ def _require_parts_in_time(database: Database, split: Split) -> None:
 
 
 def with_drives(split: Split, drives: PlanningSubmission, *, are_public: bool) -> Split:
-    """Return a split with what was really driven: the source trajectories of a file about it.
+    """Return a split with recorded drives: the source trajectories of a file about it.
 
-    Drives that are public are known to everybody: checks at home then tell a wrong time step.
+    If the drives are public, everybody has them: local checks then detect a wrong time step.
 
     Raises:
-        SplitUnreadableError: The file is of another split, or holds no drive of it.
+        SplitUnreadableError: The file is of another split, or holds none of its drives.
     """
     source_of = {each.sample_id: each.source for each in drives.predictions}
     known = [sample for sample in split.samples if source_of.get(sample.sample_id) is not None]
@@ -263,7 +263,7 @@ def _is_gzipped(path: Path) -> bool:
 
 
 def _copy(source: Path, target: Path) -> None:
-    """Copy a file as a whole or not at all, for its owner alone."""
+    """Copy a file atomically, readable for its owner alone."""
     with TemporaryDirectory(dir=target.parent) as folder:
         half = Path(folder) / target.name
         copyfile(source, half)
@@ -282,11 +282,11 @@ def publish_split_file(
 ) -> RegisteredSplit:
     """Make the current file of a split public, regions and all: for development splits only.
 
-    It is registered, if it was not yet.
+    It is registered if it was not yet.
 
     Raises:
         SplitUnavailableError: There is no file for this name.
-        Conflict: A phase on it takes submissions and has scored some, and that was not asked for.
+        Conflict: A phase on it is open and has scores, and `while_open` is not set.
     """
     path = splits.current_file(name)
     with database.read() as session:
@@ -306,7 +306,7 @@ def publish_split_file(
 
 
 def current_split(splits: SplitStore, name: str) -> tuple[SplitRef, Path]:
-    """Return which split the current file of a name is, and the folder in which it lies.
+    """Return the current split of a name, and the folder of its file.
 
     Raises:
         SplitUnavailableError: There is no file for this name.
@@ -326,9 +326,9 @@ def _register(
     *,
     is_public: bool = False,
 ) -> RegisteredSplit:
-    """Record the whole split and, where it has parts, each part; return the whole.
+    """Record the whole split and each part, if it has parts; return the whole.
 
-    Lint takes a split as withheld unless it is public, or about to be.
+    Lint treats a split as withheld unless it is public, or about to be.
     """
     split = read_split(path)
     if path.parent.name != split.name:
@@ -336,7 +336,7 @@ def _register(
             f"it holds split {split.name!r}, which workers look for in a folder of that name: "
             f"rename {path.parent} to {split.name}"
         )
-    floors = splits.floors(split.name)  # refuses what cannot be read
+    floors = splits.floors(split.name)  # raises if unreadable
     for earlier in _earlier_revisions(database, splits, split):
         _require_same_parts(earlier, split)
     _require_parts_in_time(database, split)
@@ -366,7 +366,7 @@ def _register(
 
 
 def _earlier_revisions(database: Database, splits: SplitStore, split: Split) -> Iterator[Split]:
-    """Yield what lies beside a revision that is not registered yet, and is registered itself."""
+    """Yield the registered revisions beside one that is not registered yet."""
     with database.read() as session:
         known = {row.revision for row in list_splits(session) if row.name == split.name}
     if split.revision not in known:
@@ -377,10 +377,10 @@ def _earlier_revisions(database: Database, splits: SplitStore, split: Split) -> 
 def _changes(
     database: Database, splits: SplitStore, split: Split, sheet: Datasheet | None, words: str
 ) -> dict[SplitPart | None, SplitChange]:
-    """Return what is told of a later revision, and of each part that it changes and is the first to hold.
+    """Return the changes to publish of a later revision, and of each part that is new in it.
 
-    The revision before is the one that the datasheet names; without one, and where this revision
-    is not registered yet, the newest that is and whose file lies beside it.
+    The previous revision is the one that the datasheet names; without one, and if this revision is
+    not registered yet, it is the newest registered one whose file is still there.
     """
     said = sheet.changes if sheet else None
     with database.read() as session:

@@ -1,6 +1,6 @@
 """What makes a split unusable (docs/protocol.md section 2), found for all samples in one pass.
 
-The faults name sample ids and say nothing else that is withheld; they are for the operator's
+Faults name sample ids and reveal nothing else that is withheld; they are for the operator's
 terminal and the worker's own log.
 """
 
@@ -17,7 +17,7 @@ from exceptiondrive_scoring.clearance import touches_start
 from exceptiondrive_scoring.region import crosses_itself, is_far, is_small, prepare_regions
 
 Found = tuple[str, list[str]]
-"""What is wrong, and the ids of the samples that have it."""
+"""What is wrong, and the ids of the affected samples."""
 
 
 @dataclass(frozen=True)
@@ -41,9 +41,9 @@ class SplitRefusedError(ValueError):
 
 
 def split_faults(split: Split, protocol: ProtocolDocument) -> tuple[SplitFault, ...]:
-    """Every fault of a split under a protocol; none means that it can be scored.
+    """Return every fault of a split under a protocol; without faults it can be scored.
 
-    Nobody asks for the task and the region of a withdrawn sample: it may be withdrawn for them.
+    Task and region of a withdrawn sample are not checked: they may be the reason of its withdrawal.
     """
     left = [sample for sample in split.samples if sample.withdrawn is None]
     ids = [sample.sample_id for sample in split.samples]
@@ -62,7 +62,7 @@ def split_faults(split: Split, protocol: ProtocolDocument) -> tuple[SplitFault, 
 
 
 def _part_faults(split: Split) -> Iterator[Found]:
-    """A split has no parts, or every sample has one and neither part is empty."""
+    """Require that there are no parts, or that every sample has one and neither part is empty."""
     if split.has_parts:
         yield "samples of no part, though others have one", _ids_of(split, None)
         parts = {sample.part for sample in split.samples} - {None}
@@ -71,7 +71,7 @@ def _part_faults(split: Split) -> Iterator[Found]:
 
 
 def _count_faults(split: Split) -> Iterator[Found]:
-    """Something counts, in the split and in each of its parts."""
+    """Require that some sample counts, in the split and in each of its parts."""
     parts = {sample.part for sample in split.samples}
     for part in sorted(parts - {sample.part for sample in split.counted}, key=str):
         where = f" in the {part} part" if part else ""
@@ -92,7 +92,7 @@ def _recorded_faults(split: Split, geometry: GeometrySection) -> Iterator[Found]
 
 
 def _region_faults(samples: Sequence[SplitSample], geometry: GeometrySection) -> list[Found]:
-    """Faults of the regions; each later question is asked only where the earlier ones are well."""
+    """Return the faults of regions; each check takes only regions that passed earlier ones."""
     ids = np.array([sample.sample_id for sample in samples])
     regions_m = np.array([it.region for it in samples], dtype=np.float64).reshape(-1, 4, 2)
     sound = np.asarray(np.isfinite(regions_m).all(axis=(1, 2)), dtype=np.bool_)

@@ -1,9 +1,9 @@
-"""Floors of a withheld split: what nobody may publish of it, whatever a phase or protocol says.
+"""Floors of a withheld split: limits to what is published of it, whatever a phase or protocol says.
 
-They lie beside the split file, in `floors.toml`, where only workers read and no organizer, API or
-server writes. A worker that is asked for more tells nothing of it, and says so in the audit log.
-What the file does not say, or no file beside a split, is as advised: what protocol `1.1-withheld` asks
-passes, and what shows smaller cells does not. A public split has nothing to hold back.
+They are in `floors.toml` beside the split file, which only workers read and no organizer, API or
+server writes. A worker that is asked for more publishes nothing and writes that to the audit log.
+Missing values, or a missing file, have advised defaults: protocol `1.1-withheld` passes, and
+smaller cells do not. A public split needs no floors.
 """
 
 import json
@@ -23,7 +23,7 @@ from exceptiondrive_schemas.protocol import ProtocolDocument
 FLOORS_FILE = "floors.toml"
 
 NEEDED = 2
-"""How many organizers have to confirm, where a split asks for a second one."""
+"""Number of organizers who must confirm if a split asks for a second one."""
 Bounds = tuple[float, float]
 Count = Annotated[int, Field(ge=1)]
 Decimals = Annotated[int, Field(ge=0, le=4)]
@@ -37,14 +37,14 @@ _GEOMETRY = (
     "min_region_area_m2",
     "max_region_distance_m",
 )
-"""Fields of a protocol that have bounds by the same name."""
+"""Fields of a protocol that have bounds of the same name."""
 
 
 class SplitFloors(Document):
-    """What a worker publishes of a withheld split at most.
+    """Limits to what a worker publishes of a withheld split.
 
-    Bounds are the least and the largest value, both allowed; `d_safe_m` holds for every required
-    clearance of the protocol, those of its sensitivity factors among them.
+    Bounds are the least and the largest allowed value; those of `d_safe_m` apply to every required
+    clearance of the protocol, including those from its sensitivity factors.
     """
 
     min_samples_per_cell: Count = 100
@@ -65,15 +65,15 @@ class SplitFloors(Document):
     max_coordinate_m: Bounds = (200.0, 200.0)
     min_region_area_m2: Bounds = (0.01, 0.01)
     max_region_distance_m: Bounds = (100.0, 100.0)
-    """This and the two before refuse a split: a protocol that asks much sorts its samples."""
+    """This and the two before limit what a protocol may refuse: refusals would sort the samples."""
     max_protocols: Count = 3
-    """Protocols that the split is ever scored under."""
+    """Number of protocols under which the split may ever be scored."""
     max_scored_per_day: Count = 100
-    """Submissions that get their first sheet within 24 hours, over all phases and teams."""
+    """Submissions that may get their first sheet within 24 hours, over all phases and teams."""
     private_part_from: datetime | None = None
-    """Before this the private part is not scored; with a time zone."""
+    """The private part is not scored before this time; with a time zone."""
     second_organizer: bool = False
-    """Whether two of `organizers` have to sign that a revision is scored under a protocol."""
+    """Whether two of `organizers` must sign that a revision is scored under a protocol."""
     organizers: dict[str, PublicKey] = Field(default_factory=dict)
     """Name to public key, as `exceptiondrive organizer protocols key` prints it."""
 
@@ -94,11 +94,11 @@ class SplitFloors(Document):
 
 
 class FloorsUnreadableError(ValueError):
-    """The floors of a split cannot be read: nothing of it is scored until they can."""
+    """The floors of a split cannot be read: nothing of it is scored until they can be."""
 
 
 class FloorHeldError(ValueError):
-    """More was asked of a withheld split than its floors allow; `asked` says what, in words."""
+    """A request exceeds the floors of a withheld split; `asked` says how, in words."""
 
     def __init__(self, *asked: str) -> None:
         self.asked = asked
@@ -106,15 +106,15 @@ class FloorHeldError(ValueError):
 
 
 class SplitDayFullError(FloorHeldError):
-    """As many submissions as the floors allow have been scored within a day."""
+    """As many submissions as the floors allow were scored within a day."""
 
 
 def read_floors(folder: Path) -> SplitFloors:
-    """Return the floors that lie in the folder of a split; the advised ones where a split lies there alone.
+    """Return the floors in the folder of a split; the advised ones if it has none.
 
     Raises:
-        FloorsUnreadableError: The file is no floors, each problem is named; or no split lies there, as
-            where the folder is not mounted.
+        FloorsUnreadableError: The file is invalid, each problem is named; or there is no split, for
+            example because the folder is not mounted.
     """
     try:
         return _floors_of((folder / FLOORS_FILE).read_text("utf-8"))
@@ -133,13 +133,13 @@ def read_floors(folder: Path) -> SplitFloors:
 
 @lru_cache(maxsize=64)
 def _floors_of(text: str) -> SplitFloors:
-    """Every score reads the file; it is parsed when its text is new."""
+    """Parse the text, cached: every score reads the file, which rarely changes."""
     document = tomllib.loads(text)
     return SplitFloors.model_validate_json(json.dumps(document, default=str))
 
 
 def breaches(floors: SplitFloors, protocol: ProtocolDocument) -> Iterator[str]:
-    """Yield in words what of a protocol lies below the floors."""
+    """Yield, in words, each way in which a protocol exceeds the floors."""
     publication, geometry = protocol.publication, protocol.geometry
     least = floors.min_samples_per_cell
     if publication.min_samples_per_cell < least:
@@ -180,9 +180,9 @@ def breaches(floors: SplitFloors, protocol: ProtocolDocument) -> Iterator[str]:
 
 
 def unconfirmed(floors: SplitFloors, keys: set[str]) -> Iterator[str]:
-    """Yield in words whose confirmation is missing.
+    """Yield, in words, whose confirmation is missing.
 
-    The keys are those whose signature holds for what is asked; of nobody named there they count nothing.
+    `keys` are the public keys with a valid signature on the request; unlisted ones do not count.
     """
     names = sorted(name for name, key in floors.organizers.items() if key in keys)
     if floors.second_organizer and len(names) < NEEDED:
@@ -191,7 +191,7 @@ def unconfirmed(floors: SplitFloors, keys: set[str]) -> Iterator[str]:
 
 
 def _curve_points(protocol: ProtocolDocument) -> int:
-    """Of the clearance curve of a withheld split; 0 where none is published."""
+    """Return the number of points of a withheld split's clearance curve; 0 if none is published."""
     grading = protocol.grading
     if not protocol.publication.shows_curve(is_public_split=False):
         return 0

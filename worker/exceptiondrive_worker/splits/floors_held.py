@@ -1,4 +1,4 @@
-"""Holds the floors of a split against what the records ask for, and says so in the audit log."""
+"""Enforces the floors of a split on what the records request; refusals go to the audit log."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -38,14 +38,14 @@ def open_split(
     is_public: bool,
     newcomer: str | None = None,
 ) -> LoadedSplit:
-    """Load a split under a protocol, if its floors allow that: a public one has nothing to hold back.
+    """Load a split under a protocol if its floors allow that; a public one has none.
 
-    Whether it can be loaded tells of its regions already, so nothing is opened before. The newcomer is a
-    submission that is to get its first sheet of the split.
+    Floors are checked before anything is opened: even whether it loads reveals something of its
+    regions. `newcomer` is a submission that is to get its first sheet of the split.
 
     Raises:
         SplitDayFullError: Enough submissions were scored within a day.
-        FloorHeldError: Anything else is too much; the audit log says what.
+        FloorHeldError: Any other limit is exceeded; the audit log says which.
         SplitUnavailableError: No file holds it.
         SplitRefusedError: It cannot be scored under this protocol.
     """
@@ -63,7 +63,7 @@ def _hold_and_count(
     protocol: ProtocolDocument,
     newcomer: str | None,
 ) -> None:
-    """Hold the floors, and count a protocol that is new to the split: two together take no more than is left."""
+    """Check the floors, and count a new protocol atomically: parallel workers obey the limit."""
     with database.read() as session:
         opened = opened_protocols(session, ref.name)
         _hold(session, floors, ref, protocol, opened)
@@ -95,7 +95,7 @@ def _hold(
     protocol: ProtocolDocument,
     opened: set[str],
 ) -> None:
-    """Hold all but the number of submissions; `opened` are the protocols that count."""
+    """Check everything but the number of submissions; `opened` are the protocols that count."""
     asks_two = floors.second_organizer
     keys = keys_that_confirm(session, ref, protocol.digest) if asks_two else set()
     found = [*breaches(floors, protocol), *unconfirmed(floors, keys)]
@@ -112,7 +112,7 @@ def _hold(
 
 
 def _may_hold_private(session: Session, ref: SplitRef) -> bool:
-    """Whether samples of a private part may be scored: all but the public part may hold some."""
+    """Whether samples of a private part may be scored; only a public part certainly holds none."""
     return find_split(session, ref.name, ref.revision).part != "public"
 
 
@@ -123,9 +123,9 @@ def hold_floors_again(
     protocol: ProtocolDocument,
     newcomer: str | None = None,
 ) -> None:
-    """Hold them once more where a sheet is recorded: two together take no more than is left of a day.
+    """Check the floors again when a sheet is recorded: two workers cannot exceed the daily limit.
 
-    The places of a day are counted last, under a lock held for no round trip.
+    The daily limit is checked last, under a lock that is held for no round trip.
 
     Raises:
         FloorHeldError: As `open_split`; `SplitDayFullError` at the end of the transaction.
@@ -142,7 +142,7 @@ def hold_floors_again(
 def held_floors_are_told(
     database: Database, ref: SplitRef, protocol: ProtocolDocument, phase_id: str
 ) -> Iterator[None]:
-    """Say once in the audit log what the floors of a split refuse inside."""
+    """Record in the audit log, once, what the floors of a split refuse in this block."""
     try:
         yield
     except FloorHeldError as held:

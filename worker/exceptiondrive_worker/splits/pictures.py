@@ -1,8 +1,8 @@
-"""Pictures of a public split's samples: read from beside the split, made small, and shown.
+"""Pictures of a public split's samples: read from beside the split, scaled down, and shown.
 
 `NAME/pictures/ID.source.jpg` is the original scene of sample ID, `ID.edited.jpg` the scene with
-hazard; `.png` and `.webp` do, too. What is stored is always a JPEG made anew of the pixels: nothing
-that a camera wrote into its file, and nothing that a browser could take for anything else.
+hazard; `.png` and `.webp` work, too. Stored pictures are always JPEGs re-encoded from the pixels,
+without camera metadata and without anything that a browser could take for another type.
 """
 
 import re
@@ -30,30 +30,30 @@ from exceptiondrive_worker.splits.small_jpeg import (
 )
 
 MAX_STORED_BYTES = 2 * 2**30
-"""Of all pictures of a split together."""
+"""Limit for all pictures of a split together."""
 _NAME = re.compile(r"(?P<sample_id>.+)\.(?P<shows>source|edited)\.(?:jpe?g|png|webp)")
 
 
 class PicturesRefusedError(ValueError):
-    """These pictures are not shown: the split is withheld, or one of them is none."""
+    """Pictures are not shown: the split is withheld, or a file is no picture."""
 
 
 def publish_pictures(
     database: Database, files: FileStore, split: SplitRef, folder: Path, licence: str
 ) -> int:
-    """Show the pictures beside a public split, in the place of those that were shown; return how many.
+    """Show the pictures beside a public split, replacing those shown before; return their number.
 
-    The licence stands under each of them. Of refused ones no file stays.
+    The licence is shown below each of them. If they are refused, no file remains.
 
     Raises:
-        PicturesRefusedError: The split is withheld, there are no pictures, or one is none.
-        InvalidRecord: A picture is of no sample of the split, or the licence says nothing.
+        PicturesRefusedError: The split is withheld, there are no pictures, or a file is none.
+        InvalidRecord: A picture is of no sample of the split, or the licence is empty.
     """
     with database.read() as session:
         _public(session, split)
     stored: list[SamplePictureRow] = []
     try:
-        stored.extend(_stored(files, folder / PICTURES))  # holds those before one that is refused
+        stored.extend(_stored(files, folder / PICTURES))  # keeps those before a refused one
         if not stored:
             raise PicturesRefusedError(f"there are no pictures in {split.name}/{PICTURES}")
         _replace_shown(database, files, split, stored, licence)
@@ -65,7 +65,7 @@ def publish_pictures(
 
 
 def remove_pictures(database: Database, files: FileStore, split: SplitRef) -> None:
-    """Show no picture of a public split any more, and keep none.
+    """Show no picture of a public split any more, and delete all.
 
     Raises:
         PicturesRefusedError: The split is withheld: none was ever shown.
@@ -76,7 +76,7 @@ def remove_pictures(database: Database, files: FileStore, split: SplitRef) -> No
 def _replace_shown(
     database: Database, files: FileStore, ref: SplitRef, rows: list[SamplePictureRow], licence: str
 ) -> None:
-    """Show these in the place of those that were shown, whose files go."""
+    """Replace the pictures shown by these, and delete the files of the former."""
     with database.write() as session:
         split = _public(session, ref)
         of_split = (
@@ -99,7 +99,7 @@ def _public(session: Session, ref: SplitRef) -> PublicSplit:
 
 
 def _stored(files: FileStore, folder: Path) -> Iterator[SamplePictureRow]:
-    """Store the pictures of a folder, and yield what is recorded of each."""
+    """Store the pictures of a folder, and yield the record of each."""
     n_bytes, seen = 0, set()
     for path in sorted(folder.glob("*")):
         found = _NAME.fullmatch(path.name)

@@ -1,8 +1,8 @@
-"""The worker's private store: what scoring keeps, under the hash of what made it.
+"""The worker's private store: a cache of scoring results, keyed by the hash of their inputs.
 
 Per-sample columns are withheld: only workers may read this folder (0700).
-Nothing here is the truth. Every file can be made again from the uploads and the splits, so a file
-that is missing, cut short or damaged is simply absent, and the next run writes it anew.
+Nothing here is authoritative. Every file can be recomputed from the uploads and the splits, so a
+missing, truncated or damaged file counts as a cache miss, and the next run writes it again.
 """
 
 import hashlib
@@ -30,7 +30,7 @@ AnyDocument = TypeVar("AnyDocument", bound=Document)
 
 _CHECKSUM_BYTES = 4
 _ALIGNED_BYTES = 16
-"""No array wants more, and what is read from a file begins at a multiple of it."""
+"""No array needs a larger alignment, and file contents start at a multiple of it."""
 STALE_AFTER_S = 3600
 VERIFY_PREFIX = "verify-"
 _DAY_S = 86_400.0
@@ -45,22 +45,22 @@ class Shelf(StrEnum):
     MEASUREMENTS = "measurements"
     """Per sample: clearance, intrusion, shifts. Key: as the answers, and regions, geometry."""
     SETTLED = "settled"
-    """What no required clearance changes in a sheet. Key: measurement, plausibility, groups."""
+    """The part of a sheet without required clearances. Key: measurement, plausibility, groups."""
     INTERVALS = "intervals"
     """Intervals and draws of one entry. Key: measurement, grading, tasks and scenes of the split, ranking."""
     FINGERPRINTS = "fingerprints"
-    """What some samples were answered with. Key: file, and which samples."""
+    """The answers to some samples. Key: file, and which samples."""
     COMPARISONS = "comparisons"
-    """Two entries against each other. Key: as the intervals of both."""
+    """Paired comparisons of two entries. Key: as the intervals of both."""
 
 
 def content_key(*parts: str) -> str:
-    """Return the hex key that stands for an ordered list of parts."""
+    """Return the hex key of an ordered list of parts."""
     return hashlib.sha256(json.dumps(parts).encode("utf-8")).hexdigest()
 
 
 def array_digest(*arrays: NDArray[Any]) -> str:
-    """Return the hex digest of arrays: type, shape and every bit."""
+    """Return the hex digest of arrays: of type, shape and every bit."""
     digest = hashlib.sha256()
     for array in arrays:
         digest.update(f"{array.dtype.str}{array.shape}".encode())
@@ -71,7 +71,7 @@ def array_digest(*arrays: NDArray[Any]) -> str:
 def pack_columns(columns: Columns) -> bytes:
     """Return columns as one byte string: a JSON line of names and types, then the arrays.
 
-    Each array begins where its type may lie in memory: numpy copies what does not, at every step.
+    Each array is aligned for its type: numpy copies unaligned arrays at every step.
     """
     arrays = {name: np.asarray(columns[name], order="C") for name in sorted(columns)}
     arrays = dict(sorted(arrays.items(), key=lambda item: -item[1].dtype.alignment))
@@ -81,7 +81,7 @@ def pack_columns(columns: Columns) -> bytes:
 
 
 def unpack_columns(data: bytes) -> Columns:
-    """Read what `pack_columns` wrote; the arrays are views and cannot be written to."""
+    """Read what `pack_columns` wrote; the arrays are read-only views."""
     end_of_head = data.index(b"\n")
     columns: dict[str, NDArray[Any]] = {}
     start = end_of_head + 1
@@ -94,12 +94,12 @@ def unpack_columns(data: bytes) -> Columns:
 
 
 def _checksum(data: bytes) -> bytes:
-    """CRC-32, which tells accidents: who may write here could make any other, too. Zeros have none of 0."""
+    """Return CRC-32, which detects accidents, not tampering; that of zeros is not 0."""
     return zlib_ng.crc32(data, 1).to_bytes(_CHECKSUM_BYTES, "big")
 
 
 class PrivateStore:
-    """Content-keyed files under one folder that nobody but the worker may enter."""
+    """Content-addressed files under one folder that only the worker may enter."""
 
     def __init__(self, root: Path) -> None:
         self.root = root
@@ -108,7 +108,7 @@ class PrivateStore:
             folder.chmod(0o700)
 
     def read(self, shelf: Shelf, key: str) -> bytes | None:
-        """Return the bytes kept under `key`, or None where they are absent, damaged or cannot be read."""
+        """Return the bytes stored under `key`; None if they are missing, damaged or unreadable."""
         try:
             with open(self._path(shelf, key), "rb", buffering=0) as file:
                 framed = file.read()
@@ -122,11 +122,11 @@ class PrivateStore:
         return data if _checksum(data) == checksum else None
 
     def write(self, shelf: Shelf, key: str, data: bytes) -> None:
-        """Keep `data` under `key`.
+        """Store `data` under `key`.
 
-        It is written in its place: until all of it is there, and where the writer was killed, a reader
-        finds it absent. Two that write one key write the same bytes. What cannot be written, on a full
-        disk say, is made again when it is asked for: it keeps nothing from being scored.
+        It is written in place: until it is complete, or if the writer was killed, readers see a
+        miss. Concurrent writers of one key write the same bytes. Failed writes, on a full disk for
+        example, are ignored: the data are recomputed when needed, and scoring goes on.
         """
         try:
             with open(self._path(shelf, key), "wb", opener=_as_owner) as file:
@@ -136,12 +136,12 @@ class PrivateStore:
             _log.warning("not kept in the private store", shelf=shelf.value, why=error.strerror)
 
     def read_columns(self, shelf: Shelf, key: str) -> Columns | None:
-        """Return the columns kept under `key`, or None."""
+        """Return the columns stored under `key`, or None."""
         data = self.read(shelf, key)
         return None if data is None else unpack_columns(data)
 
     def read_document(self, shelf: Shelf, key: str, kind: type[AnyDocument]) -> AnyDocument | None:
-        """Return the document kept under `key`, or None, where another version wrote it, too."""
+        """Return the document stored under `key`; None also if another version wrote it."""
         data = self.read(shelf, key)
         if data is None:
             return None
@@ -151,7 +151,7 @@ class PrivateStore:
             return None
 
     def write_columns(self, shelf: Shelf, key: str, columns: Columns) -> None:
-        """Keep columns under `key`."""
+        """Store columns under `key`."""
         self.write(shelf, key, pack_columns(columns))
 
     def _path(self, shelf: Shelf, key: str) -> str:
@@ -163,15 +163,15 @@ def _as_owner(path: str, flags: int) -> int:
 
 
 def _note_use(file: int) -> None:
-    """Let the open file's time tell, to a day, when it was last used: pruning begins with the oldest."""
+    """Set the open file's time to its last use, to a day: pruning removes the oldest first."""
     if time.time() - os.fstat(file).st_mtime > _DAY_S:
         os.utime(file)
 
 
 def prune(store: PrivateStore, *, max_bytes: int, max_age_days: float) -> int:
-    """Remove what was not used for so long, and the least used beyond the room; return how many files.
+    """Remove files not used for `max_age_days`, and the least recently used beyond `max_bytes`.
 
-    What killed verifications left goes, too.
+    Returns their number. Remains of killed verifications are removed, too.
     """
     _sweep_verifications(store.root)
     unused_since, room = time.time() - max_age_days * _DAY_S, max_bytes
@@ -189,10 +189,10 @@ def prune(store: PrivateStore, *, max_bytes: int, max_age_days: float) -> int:
 
 
 def _kept_files(root: Path) -> Iterator[tuple[Path, os.stat_result]]:
-    """Yield each file; when it was last written or read its time tells to a day."""
+    """Yield each file; its time is its last use, to a day."""
     for shelf in Shelf:
         for path in (root / shelf).iterdir():
-            with suppress(FileNotFoundError):  # another process was quicker
+            with suppress(FileNotFoundError):  # another process removed it first
                 yield path, path.stat()
 
 

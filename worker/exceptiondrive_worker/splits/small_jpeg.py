@@ -1,4 +1,4 @@
-"""Pictures as readers get them: small JPEGs made anew of the pixels."""
+"""Pictures for readers: small JPEGs re-encoded from the pixels."""
 
 import io
 
@@ -13,17 +13,17 @@ MAX_FILE_BYTES = 32 * 2**20
 
 
 class PictureUnreadableError(ValueError):
-    """It is no picture that is shown."""
+    """The data are no picture of a supported type."""
 
 
 def small_jpeg(data: bytes, longest_side_px: int) -> tuple[bytes, int, int]:
-    """Make a JPEG, PNG or WebP picture small, upright and bare of what cameras write into files.
+    """Scale a JPEG, PNG or WebP picture down, turn it upright and strip its metadata.
 
     Returns:
         A JPEG, its width and its height in pixels.
 
     Raises:
-        PictureUnreadableError: It is no such picture, or too large.
+        PictureUnreadableError: It is not such a picture, or too large.
     """
     if len(data) > MAX_FILE_BYTES:
         raise PictureUnreadableError(f"the picture is larger than {MAX_FILE_BYTES} bytes")
@@ -37,7 +37,7 @@ def small_jpeg(data: bytes, longest_side_px: int) -> tuple[bytes, int, int]:
     except (OSError, ValueError, SyntaxError, Image.DecompressionBombError):
         raise PictureUnreadableError("it is no JPEG, PNG or WebP picture") from None
     small.thumbnail((longest_side_px, longest_side_px))
-    small.info.clear()  # comments would be written again
+    small.info.clear()  # comments would be written to the file
     kept = io.BytesIO()
     small.save(kept, "JPEG", quality=85)
     return kept.getvalue(), small.width, small.height

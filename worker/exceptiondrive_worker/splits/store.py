@@ -1,9 +1,9 @@
-"""The split store: the only door to withheld splits.
+"""The split store: the only access to withheld splits.
 
-A split lies at `<folder>/<name>/split.json` or `split.json.gz`. Older revisions may stay beside it
-(`split-2026.json.gz`), so that what was scored against them can be scored again. A split whose samples
-name parts is three revisions: the whole, and each part by the digest of its own samples. Nothing read
-here leaves the worker: the manifest carries sample ids only.
+A split is in `<folder>/<name>/split.json` or `split.json.gz`. Older revisions may stay beside it
+(`split-2026.json.gz`), so that entries scored against them can be scored again. A split whose
+samples name parts is three revisions: the whole, and each part by the digest of its own samples.
+Nothing read here leaves the worker: the manifest carries sample ids only.
 """
 
 import gzip
@@ -37,7 +37,7 @@ from exceptiondrive_worker.splits.private_store import array_digest
 MAX_SPLIT_BYTES = 256 * 2**20
 NOT_FOUND_FOR_S = 60.0
 FileState = tuple[int, int]
-"""Size and time of a file's last change."""
+"""Size and modification time of a file."""
 
 
 class SplitUnavailableError(LookupError):
@@ -53,16 +53,16 @@ class LoadedSplit:
     """A split under one protocol: its public manifest and its withheld arrays.
 
     Attributes:
-        manifest: What participants may know; all sample ids that a file answers, in canonical
-            order. Of a part it names the samples of the whole, under the revision of the part.
+        manifest: The public part: all sample ids that a file answers, in canonical order. Of a part
+            it names the samples of the whole, under the revision of the part.
         arrays: Regions, tasks and scenes of the samples that count, in the same order.
-        samples_digest: Digest of the manifest's ids in this order: what reading an upload needs.
+        samples_digest: Digest of the manifest's ids in this order: the key for reading an upload.
         regions_digest: Digest of what `measure` reads.
         grading_digest: Digest of what `grade` reads: tasks, families, d_safe, acceptable; and which
             samples are controls.
-        scenes_digest: Digest of what the bootstrap reads besides.
-        rows: (N,) places of the samples that count among the manifest's; None: all count.
-        control_rows: Places of the controls; empty without any.
+        scenes_digest: Digest of what the bootstrap reads in addition.
+        rows: (N,) positions of the samples that count among the manifest's; None: all count.
+        control_rows: Positions of the controls; empty without any.
         recorded_m: (M, T, 2) recorded paths of all samples that a file answers; None without any.
     """
 
@@ -78,19 +78,19 @@ class LoadedSplit:
 
     @property
     def counted_ids(self) -> tuple[str, ...]:
-        """Ids of the samples of `arrays`, in their order."""
+        """Ids of the samples of `arrays`, in the same order."""
         ids = self.manifest.sample_ids
         return tuple(ids) if self.rows is None else tuple(ids[row] for row in self.rows.tolist())
 
     @cached_property
     def groups_digest(self) -> str:
-        """Digest of which samples are summed together, and of which are controls."""
+        """Digest of the groups over which samples are summed, and of the set of controls."""
         groups = (self.arrays.task_index, self.arrays.family_index)
         return array_digest(*groups, self.control_rows)
 
     @cached_property
     def rows_digest(self) -> str | None:
-        """Digest of which samples count; None where all do."""
+        """Digest of the set of samples that count; None if all do."""
         return None if self.rows is None else array_digest(self.rows)
 
 
@@ -122,18 +122,18 @@ def read_split(path: Path) -> Split:
 
 
 def datasheet_beside(split_path: Path) -> Path:
-    """Return where the datasheet of a split file lies, if it has one."""
+    """Return the path of the datasheet of a split file, whether or not it exists."""
     name = split_path.name.split(".json")[0].replace("split", "datasheet", 1)
     return split_path.with_name(f"{name}.json")
 
 
 def read_datasheet(split_path: Path) -> Datasheet | None:
-    """Return the datasheet that lies beside a split file, if there is one.
+    """Return the datasheet beside a split file, if there is one.
 
     `split.json.gz` has `datasheet.json`, and `split-2026.json.gz` has `datasheet-2026.json`.
 
     Raises:
-        SplitUnreadableError: It is no datasheet.
+        SplitUnreadableError: The file is no datasheet.
     """
     path = datasheet_beside(split_path)
     if not path.exists():
@@ -147,7 +147,7 @@ def read_datasheet(split_path: Path) -> Datasheet | None:
 
 
 def _problems(error: ValidationError, data: bytes) -> list[str]:
-    """One line per problem, with the sample's id in place of its position where it has one."""
+    """Return one line per problem, with the sample's id in place of its index if it has one."""
     items = error.errors(include_url=False, include_input=False, include_context=False)
     if items[0]["type"] == "json_invalid":
         return ["not JSON"]
@@ -205,21 +205,21 @@ def load_split(
 
 
 def family_counts(split: Split, protocol: ProtocolDocument) -> dict[str, int]:
-    """How many samples count in each family, in taxonomy order; without samples it is absent."""
+    """Return how many samples count in each family, in taxonomy order, without empty ones."""
     family_of = {task.id: task.family for task in protocol.tasks}
     counts = Counter(family_of[sample.task] for sample in split.counted)
     return {family.id: counts[family.id] for family in protocol.families if counts[family.id]}
 
 
 def close_to_others(folder: Path) -> None:
-    """Let nobody but its owner into the folder of splits, if that is who asks and the folder can be changed."""
+    """Make the folder of splits private to its owner, if this process owns and may change it."""
     with suppress(OSError):
         if folder.stat().st_uid == os.geteuid():
             folder.chmod(0o700)
 
 
 class SplitStore:
-    """Finds splits by name and revision, and keeps each loaded one while its file lies there as it was."""
+    """Finds splits by name and revision, and caches each one until its file changes."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -251,10 +251,10 @@ class SplitStore:
         return found
 
     def floors(self, name: str) -> SplitFloors:
-        """Return the floors of a split as they stand now.
+        """Return the present floors of a split.
 
         Raises:
-            FloorsUnreadableError: The file is no floors, or no split lies there.
+            FloorsUnreadableError: The file is invalid, or there is no split.
         """
         return read_floors(self.folder / name)
 
@@ -262,7 +262,7 @@ class SplitStore:
         """Return a split at exactly this revision.
 
         Raises:
-            SplitUnavailableError: No file holds it.
+            SplitUnavailableError: No file holds this revision.
             SplitRefusedError: It cannot be scored under this protocol.
         """
         key = (name, revision, protocol.digest)
@@ -272,10 +272,10 @@ class SplitStore:
         return self._loaded[key]
 
     def missing(self, names: Iterable[str]) -> list[str]:
-        """Return which of these splits cannot be used: they have no file, or floors that cannot be read.
+        """Return which of these splits cannot be used: without a file, or with unreadable floors.
 
-        Then, as `name@revision`, what was just asked for in vain of the others. No split is opened: what was asked for
-        in vain is asked for again while something waits for it.
+        Followed, as `name@revision`, by revisions of the others that were recently not found. Opens
+        no split: while something waits for a revision that was not found, it is looked up again.
         """
         names, since_s = set(names), time.monotonic() - NOT_FOUND_FOR_S
         held = {path.parent.name for path in self.files()}
@@ -338,5 +338,5 @@ def _file_state(path: Path) -> FileState | None:
 
 
 def parts_of(split: Split) -> tuple[SplitPart | None, ...]:
-    """Return what of a split can be scored: all of it (None), and its parts where it has some."""
+    """Return what can be scored of a split: all of it (None), and its parts if it has some."""
     return (None, "public", "private") if split.has_parts else (None,)

@@ -1,4 +1,4 @@
-"""Lint of a split file: what its maker should look at before it becomes a benchmark.
+"""Lint of a split file: warnings for its maker before it becomes a benchmark.
 
 Sample ids of a warning are for the operator's terminal and the workshop, never for the server.
 """
@@ -23,16 +23,16 @@ _PARTS: tuple[SplitPart, ...] = ("public", "private")
 _OF_A_BOARD = frozenset(
     {"few_scenes", "one_task", "few_scenes_of_a_family", "small_cells", "standing_still_suffices"}
 )
-"""Doubts about all that a board counts, which may be a part; the others are about single samples."""
+"""Warnings about all that a board counts, perhaps a part; others are about single samples."""
 
 
 def split_warnings(
     split: Split, protocol: ProtocolDocument, min_samples_per_cell: int = ADVISED
 ) -> tuple[LintWarning, ...]:
-    """Return every doubt about a split that can be scored under this protocol.
+    """Return every warning about a split that can be scored under this protocol.
 
-    What is doubted of a part alone, which a board counts by itself, names the part. The cells are those
-    that floors allow: as advised, of its own file, or 1 of a public split.
+    Warnings about a part alone, which has a board of its own, name the part. `min_samples_per_cell`
+    is what floors allow: as advised, from the split's own file, or 1 for a public split.
     """
     whole = _lint(split, protocol, min_samples_per_cell)
     said = {found.what for found in whole}
@@ -74,7 +74,7 @@ def _lint(
 
 
 def warning_lines(warnings: Sequence[LintWarning], *, with_samples: bool) -> list[str]:
-    """One line a warning, for a terminal."""
+    """Return one line per warning, for a terminal."""
     return [
         f"warning {found.code} ({found.count:,}): {found.what}"
         + (f": {first_of(found.sample_ids)}" if with_samples and found.sample_ids else "")
@@ -85,7 +85,7 @@ def warning_lines(warnings: Sequence[LintWarning], *, with_samples: bool) -> lis
 def check_report(
     split: Split, faults: Sequence[SplitFault], warnings: Sequence[LintWarning]
 ) -> dict[str, Any]:
-    """`check-split --json`: faults refuse the split, warnings do not."""
+    """Return the output of `check-split --json`: faults refuse the split, warnings do not."""
     return {
         "split": split.name,
         "revision": split.revision,
