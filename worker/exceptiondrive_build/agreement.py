@@ -1,8 +1,8 @@
-"""What two blind readers of a region and, where they differ, a third one come to; how well they agree.
+"""The result of two blind readings of a region, a third if they differ, and how well readers agree.
 
 Two regions agree by their intersection over union and by the greatest distance of their corners;
-two words, accepted or rejected, by Krippendorff's alpha (K. Krippendorff, Content Analysis, chapter
-on reliability; nominal data), as the package `krippendorff` computes it.
+two verdicts, accepted or rejected, by Krippendorff's alpha (K. Krippendorff, Content Analysis,
+chapter on reliability; nominal data), as the package `krippendorff` computes it.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -26,12 +26,12 @@ State = Literal["open", "third", "verified", "rejected"]
 
 @dataclass(frozen=True)
 class Outcome:
-    """What the readings of one candidate come to.
+    """The result of the readings of one candidate.
 
     Attributes:
         state: `open`: a blind reading is missing; `third`: two differ, and a third reader decides.
-        corners: The region, where it is verified; the same list whoever read first, and wherever
-            theirs began.
+        corners: The region, if verified; the same list whoever read first, and whichever corner
+            theirs began with.
     """
 
     state: State
@@ -39,7 +39,7 @@ class Outcome:
 
 
 def readings(records: Sequence[Record]) -> list[tuple[str, Verified]]:
-    """The newest reading of each person, in the order of the records."""
+    """Return the newest reading of each person, in the order of the records."""
     newest = {person_key(it.by.person): it for it in records if it.value is not None}
     return [
         (str(record.by.person), Verified.model_validate(record.value, strict=False))
@@ -48,15 +48,15 @@ def readings(records: Sequence[Record]) -> list[tuple[str, Verified]]:
 
 
 def blind_pair(records: Sequence[Record]) -> tuple[tuple[str, Verified], ...]:
-    """The first two blind readings, or fewer."""
+    """Return the first two blind readings, or fewer."""
     return tuple(one for one in readings(records) if one[1].blind)[:N_BLIND]
 
 
 def outcome(records: Sequence[Record], limits: VerifySection) -> Outcome:
-    """What the standing verifications of one candidate come to; they come oldest first.
+    """Return the result of the standing verifications of one candidate, given oldest first.
 
-    The region of two that agree lies in the middle between theirs; a third reader's word is final,
-    unless one of the two has decided anew since.
+    The region of two that agree is the middle between theirs; a third reader's decision is final,
+    unless one of the two has decided again since.
     """
     words = readings(records)
     pair = blind_pair(records)
@@ -77,13 +77,13 @@ def outcome(records: Sequence[Record], limits: VerifySection) -> Outcome:
 
 
 def readings_left(records: Sequence[Record], limits: VerifySection) -> int:
-    """How many more readings the region of one candidate needs, by its standing verifications."""
+    """Return how many more readings a region needs, by its candidate's standing verifications."""
     state = outcome(records, limits).state
     return {"open": N_BLIND - len(blind_pair(records)), "third": 1}.get(state, 0)
 
 
 def middle(one: Corners | None, other: Corners | None, limits: VerifySection) -> Corners | None:
-    """The region between two that agree, to the centimetre; None if they lie too far apart."""
+    """Return the region between two that agree, to the centimetre; None if too far apart."""
     if one is None or other is None:
         return None
     one, other = sorted((in_order(one), in_order(other)))
@@ -99,7 +99,7 @@ def middle(one: Corners | None, other: Corners | None, limits: VerifySection) ->
 
 
 def iou(one: Corners, other: Corners) -> float:
-    """Intersection over union of two quadrilaterals; 0 where one of them crosses itself."""
+    """Return the intersection over union of two quadrilaterals; 0 if one of them crosses itself."""
     a, b = (shapely.Polygon(it) for it in sorted((in_order(one), in_order(other))))
     if not (a.is_valid and b.is_valid):
         return 0.0
@@ -107,12 +107,12 @@ def iou(one: Corners, other: Corners) -> float:
 
 
 def corner_distance_m(one: Corners, other: Corners) -> float:
-    """Greatest distance of corners that belong together, wherever each list begins."""
+    """Return the greatest distance of corresponding corners, wherever each list begins."""
     return float(np.hypot(*(np.array(one) - aligned(one, other)).T).max())
 
 
 def aligned(one: Corners, other: Corners) -> FloatArray:
-    """The corners of the other, (4, 2), begun and turned so that they lie nearest to those of one."""
+    """Return the corners of the other, (4, 2), ordered so that they are nearest to those of one."""
     return min(
         map(np.array, orders(other)),
         key=lambda corners: float(np.hypot(*(np.array(one) - corners).T).max()),
@@ -120,19 +120,19 @@ def aligned(one: Corners, other: Corners) -> FloatArray:
 
 
 def in_order(corners: Corners) -> Corners:
-    """The same quadrilateral as every list of its corners gives it, wherever it begins and turns."""
+    """Return the canonical corner list of a quadrilateral, whatever its start and orientation."""
     return min(orders(corners))
 
 
 def orders(corners: Corners) -> list[Corners]:
-    """The lists of corners of the same quadrilateral."""
+    """Return all corner lists of the same quadrilateral."""
     a, b, c, d = corners
     ahead = [(a, b, c, d), (b, c, d, a), (c, d, a, b), (d, a, b, c)]
     return [*ahead, *((z, y, x, w) for w, x, y, z in ahead)]
 
 
 def agreement(verifications: Mapping[str, Sequence[Record]], limits: VerifySection) -> Agreement:
-    """How well blind readers agree, by the standing verifications of each candidate, oldest first.
+    """Measure how blind readers agree, from each candidate's verifications, oldest first.
 
     Returns:
         Over all candidates with two blind readings; intersection over union, and the greatest

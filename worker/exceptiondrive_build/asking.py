@@ -1,10 +1,10 @@
-"""One stage asked of a model: every open candidate once, several at a time, each answer kept.
+"""One stage with a model: ask once about each open candidate, concurrently; keep all answers.
 
 An answer is journalled under the digest of its question before anything is decided, and the
 decision is appended after it. A run that is killed loses at most the answers in flight; the next
-one asks for those alone. An answer that cannot be used is asked for again, and recorded as such
-after as many attempts as the settings say. What an endpoint or a picture is to blame for is not
-recorded: the next run tries again.
+one asks for those alone. An unusable answer is retried, and recorded as such after the number of
+attempts in the settings. Failures of an endpoint or a picture are not recorded: the next run
+retries them.
 """
 
 import asyncio
@@ -36,7 +36,7 @@ from exceptiondrive_schemas.base import Document, content_digest
 from exceptiondrive_schemas.printable import counted
 
 MAX_UNUSABLE_TEXT = 20_000
-"""So many characters are kept of an answer that cannot be used; one that can is read again, whole."""
+"""Maximum number of characters kept of an unusable answer; usable ones are kept whole."""
 
 
 class AnswersHeader(Document):
@@ -49,22 +49,22 @@ class AnswersHeader(Document):
 
 
 class Answer(Document):
-    """One question to a model, and what came of it.
+    """One question to a model, and the result.
 
     Attributes:
         key: Digest of the question: model, words, pictures, settings.
         candidate: Sample id.
-        part: The view, where a candidate has a question for each.
-        prompt: Digest of the words.
-        asked_at: When the answer was there, UTC.
-        seconds: How long it took, retries and waiting for a slot included.
+        part: The view, if a candidate has a question for each.
+        prompt: Digest of the prompt.
+        asked_at: When the answer arrived, UTC.
+        seconds: Duration, including retries and waiting for a slot.
         reason: Why it cannot be used, if so.
-        detail: The same in words.
+        detail: The reason in words.
         text: What the model said.
         image: Name of the edited picture.
-        model: The model that was asked for.
-        answered_by: What the endpoint calls the model that answered.
-        form: The dialect in which it answered.
+        model: The requested model.
+        answered_by: The endpoint's name of the model that answered.
+        form: The API dialect of the answer.
         prompt_tokens: Tokens in, as the endpoint counts.
         completion_tokens: Tokens out.
     """
@@ -86,7 +86,7 @@ class Answer(Document):
     completion_tokens: int | None = None
 
     def cost(self, price: Price) -> float:
-        """What it cost, by the tokens and pictures that came, of use or not."""
+        """Return the cost of the tokens and pictures received, usable or not."""
         tokens = (self.prompt_tokens or 0) * price.prompt
         tokens += (self.completion_tokens or 0) * price.completion
         had_picture = self.image is not None or self.reason is Reason.WRONG_SIZE
@@ -95,13 +95,13 @@ class Answer(Document):
 
 @dataclass(frozen=True)
 class Question:
-    """What a model is asked about a candidate.
+    """A question to a model about a candidate.
 
     Attributes:
         key: Digest of all of it.
-        words: What it is told.
-        images: Names of the pictures that it is shown, in their order, by what stands before each.
-        part: The view, where a candidate has a question for each.
+        words: The prompt.
+        images: Names of the pictures shown, in order, by the caption before each.
+        part: The view, if a candidate has a question for each.
     """
 
     key: str
@@ -111,12 +111,12 @@ class Question:
 
 
 class Stage(ABC):
-    """What is asked at a stage, and what is made of the answers."""
+    """A stage: its questions, and the decisions made from the answers."""
 
     kind: ClassVar[Kind]
 
     def __init__(self, workshop: Workshop) -> None:
-        """Read the words.
+        """Read the prompts.
 
         Raises:
             BuildError: They cannot be read.
@@ -135,37 +135,37 @@ class Stage(ABC):
 
     @abstractmethod
     def questions(self, candidate: Candidate) -> tuple[Question, ...]:
-        """All that has to be answered before the candidate can be decided."""
+        """Return all questions that must be answered before the candidate can be decided."""
 
     @abstractmethod
     async def ask(
         self, endpoint: Endpoint, candidate: Candidate, question: Question, known: dict[str, Any]
     ) -> None:
-        """Ask, and put fields of `Answer` into `known` as they become known.
+        """Ask, and fill fields of `Answer` into `known` as they become known.
 
         Raises:
-            NoAnswerError: There is no answer that can be used.
+            NoAnswerError: There is no usable answer.
         """
 
     @abstractmethod
     def value(self, candidate: Candidate, answers: Sequence[Answer]) -> Document:
-        """Decide by the answers, which are in the order of the questions.
+        """Decide from the answers, which are in the order of the questions.
 
         Raises:
             NoAnswerError: A picture of the workshop cannot be read.
         """
 
     def question(self, words: Sequence[str], images: Mapping[str, str], part: str = "") -> Question:
-        """A question of this stage's model, with its digest."""
+        """Return a question to this stage's model, with its digest."""
         settings = self.section.model_dump(include=_ASKED)
         key = content_digest([self.kind, settings, list(words), list(images.values())])
         return Question(key, tuple(words), images, part)
 
     def picture(self, name: str) -> CleanImage:
-        """A picture of the workshop without metadata.
+        """Return a picture of the workshop without metadata.
 
         Raises:
-            NoAnswerError: `unreadable_image`: it is missing, damaged, no JPEG and no PNG.
+            NoAnswerError: `unreadable_image`: it is missing, damaged, or neither JPEG nor PNG.
         """
         try:
             return clean_image(self.workshop.image(name))
@@ -176,12 +176,12 @@ class Stage(ABC):
 
 
 _ASKED = {"model", "temperature", "max_tokens", "extra", "seed", "resample"}
-"""What of the settings is part of a question: thresholds are not."""
+"""The settings that are part of a question; thresholds are not."""
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of a candidate in this run."""
+    """The result for a candidate in this run."""
 
     sample_id: str
     reason: Reason | None = None
@@ -189,7 +189,7 @@ class Outcome:
 
 
 class StageReport(Document):
-    """What one run of a stage did."""
+    """The result of one run of a stage."""
 
     stage: Kind
     decided: int
@@ -212,22 +212,22 @@ class StageReport(Document):
 
     @property
     def is_in_vain(self) -> bool:
-        """Whether questions were asked, and nothing came of any."""
+        """Whether questions were asked, and none had a usable answer."""
         return bool(self.failed) and not (self.decided or self.recorded_without_answer)
 
 
 def read_answers(workshop: Workshop, kind: Kind) -> tuple[Answer, ...]:
-    """All answers of a stage so far, in the order in which they came.
+    """Return all answers of a stage so far, in the order of their arrival.
 
     Raises:
-        JournalError: The file is no such journal.
+        JournalError: The file is not such a journal.
     """
     path = _journal_path(workshop, kind)
     return read_journal(path, AnswersHeader, Answer)[1] if path.is_file() else ()
 
 
 def awaited(kind: Kind, candidate: Candidate) -> Kind | None:
-    """The earlier stage that has to decide a candidate before this one can, if any."""
+    """Return the earlier stage that must decide a candidate before this one can, if any."""
     if kind is not Kind.SCREEN and candidate.screened is None:
         return Kind.SCREEN
     is_awaited = kind is Kind.REVIEW and candidate.is_suitable and candidate.edited is None
@@ -238,9 +238,9 @@ def run_stage(stage: Stage, limit: int | None = None) -> StageReport:
     """Ask about every open candidate, or the first `limit` of them.
 
     Raises:
-        BuildError: The workshop cannot be read or written, such as when the disk is full; or all that
-            is left waits for an earlier stage.
-        EndpointError: The endpoint refuses all, or has gone; or another run is at this stage.
+        BuildError: The workshop cannot be read or written, such as when the disk is full; or all
+            that remains waits for an earlier stage.
+        EndpointError: The endpoint refuses everything, or is gone; or another run is at this stage.
     """
     workshop = stage.workshop
     header = AnswersHeader(stage=stage.kind)
@@ -328,7 +328,7 @@ class _Run:
     async def _answered(
         self, endpoint: Endpoint, candidate: Candidate, question: Question
     ) -> Answer:
-        """The answer that can be used, or the last one that cannot."""
+        """Return the usable answer, or the last unusable one."""
         kept = self._known[question.key]
         for answer in kept:
             if answer.reason is None:

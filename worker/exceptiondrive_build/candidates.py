@@ -1,8 +1,8 @@
-"""What is true now of every candidate, read from the records alone.
+"""The present state of every candidate, derived from the records alone.
 
-A record of a model counts while the same model would be asked the same words about the same
-pictures; a person's, while the pictures are the same. Thresholds are applied when this is read, so
-a change of them asks nobody anew.
+A model's record counts as long as the same model would get the same prompt about the same pictures;
+a person's, as long as the pictures are the same. Thresholds are applied on reading, so changing
+them requires no new answers.
 """
 
 from collections import Counter, defaultdict
@@ -38,18 +38,18 @@ Value = TypeVar("Value", bound=Document)
 
 @dataclass(eq=False)
 class Candidate:
-    """One keyframe and one task, and what has been decided.
+    """One keyframe and one task, and the decisions about them.
 
     Attributes:
         sample_id: Its id, in the workshop and in a split.
         keyframe: The moment.
         task: The task.
-        thresholds: What an edit must reach.
-        place: Where its hazard is to be drawn: as screened, or as of the auxiliary set; None where
+        thresholds: Limits that an edit must meet.
+        place: Where its hazard is to be drawn: as screened, or as of the auxiliary set; None if
             nothing is to be edited.
         current: The record that counts now, by kind; of `verify` the newest.
-        inspections: All words of people about these pictures, oldest first.
-        verifications: All words of people about the region, oldest first.
+        inspections: All decisions of people about these pictures, oldest first.
+        verifications: All decisions of people about the region, oldest first.
     """
 
     sample_id: str
@@ -78,7 +78,7 @@ class Candidate:
 
     @cached_property
     def inspected(self) -> Inspected | None:
-        """The newest word of a person about the pictures."""
+        """The newest decision of a person about the pictures."""
         return self._value(Kind.INSPECT, Inspected)
 
     @cached_property
@@ -88,7 +88,7 @@ class Candidate:
 
     @cached_property
     def withdrawn(self) -> Withdrawn | None:
-        """Set where a later revision counts the sample no more."""
+        """Set if a later revision no longer counts the sample."""
         return self._value(Kind.WITHDRAW, Withdrawn)
 
     @property
@@ -98,10 +98,10 @@ class Candidate:
 
     @cached_property
     def review_faults(self) -> tuple[str, ...]:
-        """Codes of the thresholds that the review misses; empty where it meets all.
+        """Codes of the thresholds that the review misses; empty if it meets all.
 
-        `low_mark:<mark>`, `low_mean_mark`; and by measure `target_not_in_view`, `nothing_changed`
-        within the target area of any view, `background_changed` outside of it in some view.
+        `low_mark:<mark>`, `low_mean_mark`; as measured, `target_not_in_view`, `nothing_changed`
+        within the target area of any view, `background_changed` outside it in some view.
         """
         if not isinstance(self.reviewed, Reviewed):
             return ()
@@ -131,18 +131,18 @@ class Candidate:
 
     @property
     def is_accepted(self) -> bool:
-        """Whether the pictures are good enough: a person's newest word, else the review's."""
+        """Whether the pictures suffice, by a person's newest decision or else the review."""
         return self.accepted_after(self.inspected)
 
     def accepted_after(self, word: Inspected | None) -> bool:
-        """The same, where this is the newest word of a person."""
+        """The same, if this is the newest decision of a person."""
         if word is None or not self.is_suitable:
             return self.passed_review
         return word.passed
 
     @cached_property
     def pictures(self) -> tuple[str, ...]:
-        """Digests of what people look at: source, then edited, of each edited view."""
+        """Digests of the pictures people see: source, then edited, of each edited view."""
         if not isinstance(self.edited, Edited):
             return ()
         return picture_digests(
@@ -153,7 +153,7 @@ class Candidate:
 
     @property
     def decisions(self) -> tuple[Record, ...]:
-        """The records that count: of models in the order of the stages, of people by digest, a withdrawal last."""
+        """The records that count: of models by stage, of people by digest, a withdrawal last."""
         by_people = sorted((*self.inspections, *self.verifications), key=lambda it: it.digest)
         others = {k: it for k, it in self.current.items() if k not in (Kind.INSPECT, Kind.VERIFY)}
         last = [others.pop(Kind.WITHDRAW)] if Kind.WITHDRAW in others else []
@@ -171,15 +171,15 @@ class Candidate:
 
 
 def picture_digests(names: Iterable[str]) -> tuple[str, ...]:
-    """Digests of pictures by their names in the workshop."""
+    """Return the digests of pictures from their names in the workshop."""
     return tuple(f"sha256:{name.partition('.')[0]}" for name in names)
 
 
 def walk(workshop: Workshop) -> dict[str, Candidate]:
-    """Every candidate of the workshop by sample id: keyframes in their order, tasks in theirs.
+    """Return every candidate of the workshop by sample id, ordered by keyframe, then by task.
 
     Raises:
-        BuildError: Settings, words, scenes or records cannot be read.
+        BuildError: Settings, prompts, scenes or records cannot be read.
     """
     reading = _Reading(workshop)
     found: dict[str, Candidate] = {}
@@ -195,7 +195,7 @@ def walk(workshop: Workshop) -> dict[str, Candidate]:
 
 
 class _Reading:
-    """Puts into candidates the records that count now."""
+    """Fills candidates with the records that count now."""
 
     def __init__(self, workshop: Workshop) -> None:
         self._workshop = workshop
@@ -230,7 +230,7 @@ class _Reading:
     def _look(
         self, candidate: Candidate, kind: Kind, inputs: tuple[str, ...], by: Author | None = None
     ) -> None:
-        """Take the newest record that was decided by looking at just this, by who would be asked now."""
+        """Take the newest record with exactly these inputs, by whoever would be asked now."""
         for record in reversed(self._of(kind, candidate)):
             if record.inputs == inputs and by in (None, record.by):
                 candidate.current[kind] = record
@@ -243,11 +243,11 @@ class _Reading:
 def auxiliary_places(
     workshop: Workshop, candidates: Mapping[str, Candidate]
 ) -> dict[str, Screened]:
-    """Which pairs are edited although the screening did not choose them, and where.
+    """Return the pairs that are edited although the screening did not choose them, and where.
 
-    They are drawn by a digest of seed and sample id from what has no place, by the tasks of the
-    accepted ones; the hazard goes to the middle of the task's range, in the first view that sees
-    it. Good to study failures and for later work, and in no benchmark.
+    They are drawn from candidates without a place by a digest of seed and sample id, by task like
+    the accepted ones; the hazard goes to the middle of the task's range, in the first view that
+    sees it. They serve the study of failures and later work, and are in no benchmark.
     """
     settings = workshop.settings.auxiliary
     if not settings.draw:
@@ -285,7 +285,7 @@ def _is_seen(camera: Camera, ahead_m: float, left_m: float) -> bool:
 
 
 def shares(sizes: Mapping[str, int], count: int, *, capped: bool = True) -> dict[str, int]:
-    """Part `count` among strata by their sizes, by largest remainder; `capped`: none gets more than it has."""
+    """Divide `count` among strata by largest remainder; `capped`: none gets more than it has."""
     whole = sum(sizes.values())
     if not whole:
         return dict.fromkeys(sizes, 0)
@@ -301,7 +301,7 @@ def shares(sizes: Mapping[str, int], count: int, *, capped: bool = True) -> dict
 def asked(
     kind: Kind, workshop: Workshop, prompts: Prompts, candidate: Candidate
 ) -> tuple[Author, tuple[str, ...]]:
-    """Who decides at a stage that asks a model, and the digests of the pictures that it is shown."""
+    """Return the author at a stage that asks a model, and the digests of its input pictures."""
     settings, keyframe = workshop.settings, candidate.keyframe
     task, place = candidate.task, candidate.place
     if kind is Kind.SCREEN:

@@ -1,4 +1,4 @@
-"""Screening and review: a chat model sees pictures, and its answer is checked key by key."""
+"""Screening and review: a chat model sees pictures, and its answer is checked against a schema."""
 
 import asyncio
 from abc import abstractmethod
@@ -63,11 +63,11 @@ class ChatStage(Stage):
 
     @abstractmethod
     def schema(self, candidate: Candidate) -> Schema:
-        """The form of the answer."""
+        """The schema of the answer."""
 
     @abstractmethod
     def read(self, candidate: Candidate, text: str) -> Document:
-        """From the model's text to what it says.
+        """Parse the model's text.
 
         Raises:
             NoAnswerError: `not_json` or `wrong_schema`.
@@ -76,7 +76,7 @@ class ChatStage(Stage):
     async def ask(
         self, endpoint: Endpoint, candidate: Candidate, question: Question, known: dict[str, Any]
     ) -> None:
-        """Ask once, and see whether the answer can be read."""
+        """Ask once, and check that the answer can be parsed."""
         instructions, *more = question.words
         pictures = await asyncio.to_thread(
             lambda: [self.picture(name) for name in question.images.values()]
@@ -99,7 +99,7 @@ class ChatStage(Stage):
 
 
 class ScreenStage(ChatStage):
-    """Whether a task suits a scene; where the hazard goes, and what is to be drawn in which view."""
+    """Decides whether a task suits a scene, where the hazard goes, and what to draw where."""
 
     kind = Kind.SCREEN
 
@@ -114,7 +114,7 @@ class ScreenStage(ChatStage):
         return (self.question(words, views),)
 
     def schema(self, candidate: Candidate) -> Schema:
-        """An answer with the rules of the task and the views of the keyframe."""
+        """The schema with the rejection rules of the task and the views of the keyframe."""
         texts, number = self.workshop.task_texts[candidate.task.id], or_null({"type": "number"})
         views = one_of([camera.view for camera in candidate.keyframe.cameras])
         edit = object_of({"view": views, "instruction": {"type": "string"}})
@@ -130,7 +130,7 @@ class ScreenStage(ChatStage):
         )
 
     def read(self, candidate: Candidate, text: str) -> Screened:
-        """Suitable with a target in the task's range and at least one view, or not by a rule."""
+        """Suitable with a target in the task's range and some view, or rejected by a rule."""
         answer, texts = _read(text, _Screened), self.workshop.task_texts[candidate.task.id]
         if not answer.suitable:
             if answer.reason not in texts.rejections:
@@ -162,12 +162,12 @@ class ScreenStage(ChatStage):
         )
 
     def value(self, candidate: Candidate, answers: Sequence[Answer]) -> Screened:
-        """What the model said."""
+        """The model's answer."""
         return self.read(candidate, answers[0].text or "")
 
 
 class ReviewStage(ChatStage):
-    """Marks of a model, and beside them the measured change."""
+    """Combines the marks of a model with the measured change."""
 
     kind = Kind.REVIEW
 

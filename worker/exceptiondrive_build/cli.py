@@ -34,7 +34,7 @@ COMMANDS = {
     "reopen": ("freezing.commands:reopen", "Have misplaced regions verified again."),
     "withdraw": ("freezing.commands:withdraw", "Stop counting samples from a revision on."),
 }
-"""In the order of the work: the command or group of each, and what `--help` says."""
+"""In the order of the work: the command or group of each, and its text in `--help`."""
 
 WorkshopFolder = Annotated[
     Path, typer.Option("--workshop", "-w", help="The workshop folder; by default the current one.")
@@ -42,7 +42,7 @@ WorkshopFolder = Annotated[
 Json = Annotated[bool, typer.Option("--json", help="Write one JSON document.")]
 
 _EXIT_CODES: dict[type[Exception], int] = {EndpointRefusesError: 4, EndpointGoneError: 5}
-"""As of the other commands: 4 not allowed, 5 network, 2 everything else that is wrong."""
+"""As of the other commands: 4 not allowed, 5 network, 2 any other error."""
 
 
 class _Commands(TyperGroup):
@@ -101,12 +101,12 @@ app = typer.Typer(
 
 @app.callback(help="From driving scenes to a frozen split, in a workshop folder.")
 def _root() -> None:
-    """Carry the help of the whole."""
+    """Carry the help of the whole command."""
 
 
 def main() -> None:
     """Run the command line."""
-    os.umask(0o077)  # a workshop holds regions, also one in a folder that others may enter
+    os.umask(0o077)  # a workshop holds regions, perhaps in a folder that others may enter
     for stream in (sys.stdout, sys.stderr):
         reconfigure = getattr(stream, "reconfigure", None)
         if reconfigure is not None:

@@ -1,4 +1,4 @@
-"""The workshop's database file: commits wait for the disk, and failures are told in words."""
+"""The workshop's database file: commits wait for the disk, and errors become sentences."""
 
 import sqlite3
 from collections.abc import Iterator
@@ -10,13 +10,13 @@ from exceptiondrive_build.errors import BuildError
 
 
 class Database:
-    """Some tables in the file; several processes may use it at once."""
+    """Tables in the file; several processes may use it at once."""
 
     tables: ClassVar[str]
-    """The statements that make them, where they are not there."""
+    """The statements that create the tables, if they do not exist."""
 
     def __init__(self, path: Path) -> None:
-        """Open or create them.
+        """Open or create the file and its tables.
 
         Raises:
             BuildError: The file cannot be opened, or is no database.

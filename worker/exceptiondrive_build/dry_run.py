@@ -1,7 +1,7 @@
-"""What a stage would take: calls, pictures, hours, and with a price table money. Nothing is asked.
+"""The cost of a stage: calls, pictures, hours, and with a price table money. Nothing is asked.
 
-Time and tokens of a call are the means of what was measured so far with the same model; before the
-first call they are guesses, and said to be.
+Time and tokens of a call are the means measured so far with the same model; before the first call
+they are guesses, and marked as such.
 """
 
 from collections.abc import Mapping, Sequence
@@ -20,21 +20,21 @@ from exceptiondrive_schemas.base import Document
 
 CHARACTERS_PER_TOKEN = 4
 PIXELS_PER_TOKEN = 28 * 28
-"""Of common vision models, which see a picture in patches of this size."""
+"""For common vision models, which see a picture in patches of this size."""
 GUESSED_COMPLETION_TOKENS = 200
 
 
 class StagePlan(Document):
-    """What one stage would take now.
+    """The cost of running one stage now.
 
     Attributes:
         candidates: Candidates that wait for it.
         not_ready: Candidates that an earlier stage has not decided yet; they may follow.
         calls: Questions without an answer so far, each counted once.
         pictures: Pictures that would be sent with them.
-        hours: By the time of a call, the concurrency and the pace of the endpoint.
-        cost: By the price table, if it has the model.
-        timed_calls: How many calls the times and tokens were measured on; 0: they are guessed.
+        hours: From the time of a call, the concurrency and the pace of the endpoint.
+        cost: From the price table, if it has the model.
+        timed_calls: Number of calls on which times and tokens were measured; 0: they are guesses.
     """
 
     stage: Kind

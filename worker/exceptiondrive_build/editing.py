@@ -1,4 +1,4 @@
-"""Editing: one picture at a time, and every view of a candidate or none."""
+"""Editing: one picture at a time, and all views of a candidate or none."""
 
 import asyncio
 from collections.abc import Sequence
@@ -21,7 +21,7 @@ SAME_SHAPE = 0.02
 
 
 class EditStage(Stage):
-    """The edited picture of each view that the hazard is to be drawn in."""
+    """Produces the edited picture of each view in which the hazard is to be drawn."""
 
     kind = Kind.EDIT
 
@@ -43,7 +43,7 @@ class EditStage(Stage):
     async def ask(
         self, endpoint: Endpoint, candidate: Candidate, question: Question, known: dict[str, Any]
     ) -> None:
-        """Have one view edited, and keep the picture."""
+        """Have one view edited, and store the picture."""
         settings = self.workshop.settings.edit
         source = await asyncio.to_thread(self.picture, question.images[question.part])
         answer, untaken = await endpoint.edit(source, question.words[0], settings.seed)
@@ -65,12 +65,12 @@ class EditStage(Stage):
 def fitted(data: bytes, size: tuple[int, int], resample: bool) -> tuple[bytes, str]:
     """Return an edited picture in the size of its source, (width, height), without metadata.
 
-    With `resample` a picture of the same shape but another size is scaled. It is opaque: people see
-    the colours that are measured.
+    With `resample` a picture of the same shape but another size is scaled. Transparency is removed:
+    people see the colours that are measured.
 
     Returns:
-        The bytes, which are those of the endpoint where nothing had to be changed, and the ending
-        of a file that holds them.
+        The bytes, which are those of the endpoint if nothing had to be changed, and the extension
+        of their file.
 
     Raises:
         NoAnswerError: `no_picture` or `wrong_size`.

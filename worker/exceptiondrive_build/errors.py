@@ -1,8 +1,8 @@
-"""What an organizer is told: one sentence, and what to do about it."""
+"""Errors that an organizer sees: one sentence, and what to do about it."""
 
 
 class BuildError(Exception):
-    """The command cannot do what was asked for; nothing that was decided is lost.
+    """The command cannot do what was asked; no decision is lost.
 
     Attributes:
         sentence: What is wrong.

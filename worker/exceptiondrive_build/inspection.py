@@ -1,7 +1,7 @@
-"""Which edits people look at again: those with low marks, and a seeded draw of the accepted ones.
+"""The edits that people inspect: those with low marks, and a seeded draw of the accepted ones.
 
-The draw is by a digest of seed and sample id: it is the same on every machine, and a candidate that
-comes or goes changes at most one place of it.
+The draw is by a digest of seed and sample id: it is the same on every machine, and adding or
+removing a candidate changes at most one place of it.
 """
 
 from collections import defaultdict
@@ -16,9 +16,9 @@ LOW_MARK, DRAWN = "low mark", "random draw"
 
 
 def to_inspect(candidates: Mapping[str, Candidate], settings: InspectSection) -> dict[str, str]:
-    """Sample ids to be inspected, each with why: `random draw` or `low mark`; drawn ones first.
+    """Return the sample ids to inspect, each with its reason: `random draw` (first) or `low mark`.
 
-    Decided ones stay in the list: whoever asks leaves out what has been inspected.
+    Decided ones stay in the list: callers leave out what has been inspected.
     """
     found = dict.fromkeys(draw(candidates, settings), DRAWN)
     for sample_id, candidate in candidates.items():
@@ -29,7 +29,7 @@ def to_inspect(candidates: Mapping[str, Candidate], settings: InspectSection) ->
 
 
 def draw(candidates: Mapping[str, Candidate], settings: InspectSection) -> tuple[str, ...]:
-    """Sample ids of the random draw of the edits that passed the review, in the order drawn."""
+    """Return the sample ids drawn from the edits that passed the review, in the order drawn."""
     strata: dict[str, list[str]] = defaultdict(list)
     for sample_id, candidate in candidates.items():
         if candidate.passed_review:

@@ -1,8 +1,8 @@
 """Proposals for the regions: a detector's boxes, or a rectangle at the target to be moved by hand.
 
-The forms of a detector's file are those of `exceptiondrive-build localize --help`; plain corners may
-stand in place of a box. The box whose centre lies nearest to the target is proposed. A file whose
-boxes lie elsewhere as a whole is refused, with the frame in which they would fit.
+The formats of a detector's file are those of `exceptiondrive-build localize --help`; plain corners
+may replace a box. The box whose centre is nearest to the target is proposed. If the boxes of a file
+as a whole are in another frame, it is refused, and the frame in which they would fit is named.
 """
 
 import json
@@ -31,9 +31,9 @@ from exceptiondrive_scoring.aliases import FloatArray
 
 MIN_QUATERNION = 1e-6
 MIN_JUDGED = 3
-"""A file is judged by its frame from so many candidates on."""
+"""Least number of candidates from which the frame of a file is judged."""
 HALVES = np.array([[0.5, 0.5], [-0.5, 0.5], [-0.5, -0.5], [0.5, -0.5]])
-"""Corners of a rectangle round its centre, by length and width."""
+"""Corners of a rectangle relative to its centre, by length and width."""
 _MOVED: dict[str, Callable[[FloatArray], FloatArray]] = {
     "with x and y exchanged": lambda corners: corners[:, ::-1],
     "with y to the right": lambda corners: corners * (1, -1),
@@ -44,14 +44,14 @@ _MOVED: dict[str, Callable[[FloatArray], FloatArray]] = {
 
 @dataclass(frozen=True)
 class Box:
-    """A detected box from above: (4, 2) corners in order round it, and the detector's confidence."""
+    """A detected box from above: (4, 2) corners in order around it, and its confidence."""
 
     corners_m: FloatArray
     score: float | None
 
 
 class LocalizeReport(Document):
-    """What came of a detector's file: how many candidates got a proposal, and why others did not."""
+    """The result for a detector's file: number of proposals, and why other candidates have none."""
 
     proposed: int
     unchanged: int
@@ -89,7 +89,7 @@ def localize(workshop: Workshop, file: Path) -> LocalizeReport:
     """Propose a detector's boxes for every candidate that is accepted or may yet be.
 
     Raises:
-        BuildError: The file is none of a detector, or its boxes are in another frame.
+        BuildError: The file is not a detector's, or its boxes are in another frame.
         OSError: It cannot be read.
     """
     candidates = walk(workshop)
@@ -125,7 +125,7 @@ def localize(workshop: Workshop, file: Path) -> LocalizeReport:
 
 
 def localize_by_hand(workshop: Workshop) -> LocalizeReport:
-    """Propose a rectangle of the task's size at the target, where nothing has been proposed."""
+    """Propose a rectangle of the task's size at the target, for candidates without a proposal."""
     eligible = _eligible(workshop, walk(workshop))
     values = {}
     for candidate in eligible:
@@ -137,7 +137,7 @@ def localize_by_hand(workshop: Workshop) -> LocalizeReport:
 
 
 def _eligible(workshop: Workshop, candidates: Mapping[str, Candidate]) -> list[Candidate]:
-    """What is accepted, and what waits for a person who may accept it."""
+    """Return candidates that are accepted, or that a person may yet accept."""
     waiting = to_inspect(candidates, workshop.settings.inspect)
     found = [
         candidate
@@ -179,7 +179,7 @@ def _propose(
 
 
 def _reader(file: Path, data: bytes, known: set[str]) -> Callable[[Candidate], list[Box]]:
-    """From a candidate to its boxes in the ego frame; `known` are the ids of samples and keyframes."""
+    """Map candidates to boxes in the ego frame; `known` are the ids of samples and keyframes."""
     results: dict[str, list[_Result]] = {}
     boxes: dict[str, list[_Boxed]] = {}
     try:
@@ -207,7 +207,7 @@ def _reader(file: Path, data: bytes, known: set[str]) -> Callable[[Candidate], l
 
 
 def _as_boxes(document: Any) -> Any:
-    """Plain corners of a sample become a list of one box."""
+    """Turn plain corners of a sample into a list of one box."""
     if not isinstance(document, dict):
         return document
     is_plain = {
@@ -223,7 +223,7 @@ def _of(boxes: Mapping[str, list[Any]], candidate: Candidate) -> list[Any]:
 
 
 def _in_ego_frame(result: _Result, candidate: Candidate) -> Box:
-    """A box of nuScenes results (global frame; size is width, length, height) from above."""
+    """Return a box of nuScenes results (global frame; size: width, length, height) from above."""
     width_m, length_m, _ = result.size
     half = HALVES * (length_m, width_m)
     keyframe = candidate.keyframe
@@ -235,7 +235,7 @@ def _in_ego_frame(result: _Result, candidate: Candidate) -> Box:
 
 
 def _in_order(corners_m: FloatArray) -> FloatArray:
-    """The corners round their centre, where they are not in order round it."""
+    """Return the corners sorted around their centre, unless they are in order around it."""
     if shapely.is_valid(shapely.polygons(corners_m)):
         return corners_m
     from_centre = corners_m - corners_m.mean(axis=0)
@@ -279,6 +279,6 @@ def _target_m(candidate: Candidate) -> Waypoint:
 
 
 def _corners(corners_m: FloatArray) -> Corners:
-    """To the millimetre, so that arithmetic of another machine is the same region."""
+    """Round to the millimetre, so that rounding errors of another machine give the same region."""
     rounded = corners_m.round(3) + 0.0
     return tuple((float(x), float(y)) for x, y in rounded)  # type: ignore[return-value]

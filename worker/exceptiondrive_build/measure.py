@@ -1,7 +1,7 @@
-"""How much an edit changed a view, within the target area and outside of it.
+"""How much an edit changed a view, inside the target area and outside it.
 
-Change is 1 - structural similarity (Wang et al. 2004), as scikit-image has it: per colour channel,
-window of 7 pixels, mean over channels and over the pixels of the area. Large pictures are halved.
+Change is 1 - structural similarity (Wang et al. 2004), as in scikit-image: per colour channel, with
+a window of 7 pixels, mean over channels and pixels of the area. Large pictures are halved.
 """
 
 import warnings
@@ -19,23 +19,23 @@ from exceptiondrive_schemas.submission_files import Waypoint
 from exceptiondrive_scoring.aliases import BoolArray
 
 AREA_MARGIN = 0.25
-"""By how much of its size the hazard's space is widened: shadows and contact lie around it."""
+"""Margin around the hazard's space, as a share of its size, for shadows and contact."""
 MAX_WIDTH_PX = 1000
 _STEPS = 5
 
 
 class UnreadablePictureError(ValueError):
-    """These bytes are no whole picture."""
+    """The data are no complete picture."""
 
 
 def read_picture(data: bytes) -> Image.Image:
-    """Decode a picture wholly.
+    """Decode a picture completely.
 
     Raises:
         UnreadablePictureError: It is none, damaged, or larger than any camera's.
     """
     try:
-        with warnings.catch_warnings():  # how large it is, is asked below
+        with warnings.catch_warnings():  # the size is checked below
             warnings.simplefilter("ignore", Image.DecompressionBombWarning)
             image = Image.open(BytesIO(data))
         if image.width * image.height > 50_000_000:
@@ -51,7 +51,7 @@ def read_picture(data: bytes) -> Image.Image:
 def target_area(
     camera: Camera, target_m: Waypoint, size_m: tuple[float, float, float]
 ) -> BoolArray | None:
-    """Where a hazard's space stands in a view.
+    """Return the area of a hazard's space in a view.
 
     Args:
         camera: The view.
@@ -59,7 +59,7 @@ def target_area(
         size_m: Length, width and height.
 
     Returns:
-        (height, width) mask, or None where none of it is in the picture.
+        (height, width) mask, or None if none of it is in the picture.
     """
     length_m, width_m, height_m = (size * (1 + AREA_MARGIN) for size in size_m)
     steps = np.linspace(-0.5, 0.5, _STEPS)
@@ -80,12 +80,12 @@ def target_area(
 
 
 def change(source: Image.Image, edited: Image.Image, area: BoolArray | None) -> Change:
-    """Measure an edit.
+    """Measure how much an edit changed a view.
 
     Args:
-        source: The view as it was.
+        source: The original view.
         edited: The same view, of the same size.
-        area: (height, width) mask of the target area, or None where it is not in view.
+        area: (height, width) mask of the target area, or None if it is not in view.
     """
     step = -(-source.width // MAX_WIDTH_PX)
     before, after = (np.asarray(image.convert("RGB").reduce(step)) for image in (source, edited))

@@ -1,6 +1,6 @@
-"""Counts over decisions: the funnel, families and tasks, the audit and its plan, who decided.
+"""Counts over decisions: the funnel, families and tasks, the audit and its plan, the deciders.
 
-All of it follows from candidates and records as they stand; no number here tells a region or a
+All of it follows from the present candidates and records; no number here reveals a region or a
 sample.
 """
 
@@ -28,14 +28,14 @@ EXPECTED_SHARE = 0.95
 
 
 def is_verified(candidate: Candidate, limits: VerifySection) -> bool:
-    """Whether readers came to a region for it."""
+    """Whether readers agreed on a region for it."""
     return outcome(candidate.verifications, limits).state == "verified"
 
 
 def stages(
     candidates: Iterable[Candidate], limits: VerifySection, frozen: Collection[str]
 ) -> tuple[Stage, ...]:
-    """The funnel: how many candidates came through each stage, of those that came to it.
+    """Return the funnel: how many candidates passed each stage, of those that reached it.
 
     `frozen` are the ids of the samples of the split that are not withdrawn.
     """
@@ -59,7 +59,7 @@ def cells(
     candidates: Iterable[Candidate],
     counted: Collection[str],
 ) -> tuple[Cell, ...]:
-    """How many candidates of each family, or of each task, came how far; `counted` are in the split."""
+    """Return how far the candidates of each family or task came; `counted` are in the split."""
     counts = {member.id: Counter[str]() for member in members}
     for it in candidates:
         cell = counts[it.task.id if it.task.id in counts else it.task.family]
@@ -80,7 +80,7 @@ def cells(
 
 
 def audit(candidates: Mapping[str, Candidate], settings: InspectSection) -> Audit | None:
-    """What people said of the random draw of accepted edits; None before they said anything."""
+    """Return people's decisions on the random draw of accepted edits; None if there are none."""
     drawn = [candidates[sample_id].inspected for sample_id in draw(candidates, settings)]
     words = [word for word in drawn if word is not None]
     if not words:
@@ -91,7 +91,7 @@ def audit(candidates: Mapping[str, Candidate], settings: InspectSection) -> Audi
 
 
 def audited(accepted: int, drawn: int, passed: int) -> Audit:
-    """An audit of `drawn` of `accepted` edits, of which `passed` passed, with its intervals."""
+    """Return an audit of `drawn` of `accepted` edits, of which `passed` passed."""
     return Audit(
         accepted=accepted,
         drawn=drawn,
@@ -103,7 +103,7 @@ def audited(accepted: int, drawn: int, passed: int) -> Audit:
 
 
 def wilson(share: float, n: float) -> Interval:
-    """Score interval of a share (E. B. Wilson, JASA 22, 1927, p. 209)."""
+    """Return the score interval of a share (E. B. Wilson, JASA 22, 1927, p. 209)."""
     z = NormalDist().inv_cdf((1 + CONFIDENCE) / 2)
     centre, wide = share + z * z / (2 * n), 1 + z * z / n
     half = z * math.sqrt(share * (1 - share) / n + z * z / (4 * n * n))
@@ -111,14 +111,14 @@ def wilson(share: float, n: float) -> Interval:
 
 
 def finite_population(share: float, n: int, population: int) -> Interval:
-    """The same for a draw without replacement: n grows by (N - 1) / (N - n)."""
+    """Return the same for a draw without replacement: n grows by (N - 1) / (N - n)."""
     if n >= population:
         return share, share
     return wilson(share, n * (population - 1) / (population - n))
 
 
 def deciders(workshop: Workshop, candidates: Iterable[Candidate]) -> tuple[Decider, ...]:
-    """Who took how many of the decisions that stand, by stage; people are numbered by name."""
+    """Return who made how many of the standing decisions, by stage; people are numbered by name."""
     models = workshop.settings.models.items()
     digests = {stage: content_digest(workshop.text(model.prompt)) for stage, model in models}
     records = [record for it in candidates for record in it.decisions]
@@ -145,7 +145,7 @@ class PlanRow(Document):
 
 
 class AuditPlan(Document):
-    """What draws of how many tell."""
+    """The precision of draws of several sizes."""
 
     accepted: int
     share: float
@@ -153,9 +153,9 @@ class AuditPlan(Document):
 
 
 def audit_plan(workshop: Workshop, share: float | None = None) -> AuditPlan:
-    """Plan the draw from what the review has accepted.
+    """Plan the draw from the edits that the review has accepted.
 
-    The expected share that passes is by default what people said so far, else 95 %.
+    The expected share that passes is by default the share so far, else 95 %.
 
     Raises:
         BuildError: Nothing is accepted.
@@ -172,7 +172,7 @@ def audit_plan(workshop: Workshop, share: float | None = None) -> AuditPlan:
 
 
 def draw_for(width: float, share: float, population: int) -> int:
-    """The smallest draw without replacement whose 95 % interval is at most so wide.
+    """Return the smallest draw without replacement whose 95 % interval is at most this wide.
 
     The interval is that of `finite_population`; its width falls as the draw grows.
     """

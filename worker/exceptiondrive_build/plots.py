@@ -17,10 +17,10 @@ MARK_COLOURS = ("#a33b2e", "#d98a5b", "#d8cfa8", "#8fb08c", "#3f7d4e")
 
 
 def draw_report(report: Report, path: Path) -> None:
-    """Write the picture; the ending of the path says which kind.
+    """Write the picture; the extension of the path selects the format.
 
     Raises:
-        BuildError: The file cannot be written, or is of no known kind.
+        BuildError: The file cannot be written, or has an unknown format.
     """
     with mpl.rc_context({"svg.hashsalt": report.name, "font.size": 9}):
         figure = Figure(figsize=(11, 7.5), layout="constrained")

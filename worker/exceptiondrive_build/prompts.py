@@ -1,7 +1,7 @@
-"""What models are told: the organizer's words, filled in; and by which digest an answer is known.
+"""Prompts for the models: the organizer's texts, filled in, and digests that identify answers.
 
-A change of words, model, settings or pictures is another digest: answers to what was asked before
-no longer count, and count again when the change is taken back.
+Changing a text, model, setting or picture changes the digest: answers to the former question no
+longer count, and count again when the change is reverted.
 """
 
 from collections.abc import Mapping
@@ -19,13 +19,13 @@ if TYPE_CHECKING:
 
 
 class Prompts:
-    """The words of a workshop."""
+    """The prompts of a workshop."""
 
     def __init__(self, workshop: "Workshop") -> None:
         """Read the prompt files.
 
         Raises:
-            BuildError: One cannot be read, or a task has no words.
+            BuildError: One cannot be read, or a task has no texts.
         """
         self._hazards = {task.id: task.hazard for task in workshop.tasks}
         self._texts = workshop.task_texts
@@ -35,7 +35,7 @@ class Prompts:
         self.screen = cache(self._screen_words)
 
     def _screen_words(self, task_id: str) -> str:
-        """What the screening model is told of a task."""
+        """Return the prompt of the screening model for a task."""
         texts = self._texts[task_id]
         rules = "\n".join(f"{code}: {words}" for code, words in texts.rejections.items())
         return _filled(
@@ -50,12 +50,12 @@ class Prompts:
         )
 
     def edit(self, task_id: str, instruction: str) -> str:
-        """What the editing model is told of a view: keep the rest, the hazard, and where."""
+        """Return the editing model's prompt for a view: keep the rest, the hazard, and where."""
         hazard = self._texts[task_id].edit
         return f"{self._edit.strip()}\n\nPut into the picture: {hazard}\nWhere: {instruction}"
 
     def review(self, task_id: str, screened: Screened) -> str:
-        """What the reviewing model is told of an edit."""
+        """Return the prompt of the reviewing model for an edit."""
         ahead_m, left_m = screened.target_m or (0.0, 0.0)
         return _filled(
             self._review,
@@ -69,17 +69,17 @@ class Prompts:
 
 
 def scene_words(keyframe: Keyframe) -> str:
-    """What a model is told of a scene beside its pictures."""
+    """Return the text about a scene that models get beside its pictures."""
     return f"The scene: {keyframe.description or 'no description'}"
 
 
 def chat_author(section: ChatSection, *words: str) -> Author:
-    """Who decides when a chat model is told these words."""
+    """Return the author of decisions that a chat model makes with these prompts."""
     return _author(section, words, [section.temperature, section.max_tokens, section.extra])
 
 
 def edit_author(section: EditSection, *words: str) -> Author:
-    """Who decides when the editing model is told these words, one for each view."""
+    """Return the author when the editing model gets these prompts, one for each view."""
     return _author(section, words, [section.seed, section.resample, section.extra])
 
 
@@ -93,7 +93,7 @@ def _span(ends: tuple[float, float]) -> str:
 
 
 def _filled(text: str, values: Mapping[str, str]) -> str:
-    """Put values for `{names}`; other braces, such as those of JSON, stay."""
+    """Substitute values for `{names}`; other braces, such as those of JSON, stay."""
     for name, value in values.items():
         text = text.replace(f"{{{name}}}", value)
     return text

@@ -1,8 +1,8 @@
-"""The append-only table of decisions: who decided what about which candidate, and having seen what.
+"""The append-only table of decisions: who decided what about which candidate, from which inputs.
 
 A record is never changed or removed; the database itself refuses it. A later record supersedes an
-earlier one by naming it. Commits wait for the disk, so what was said to be kept is kept, whatever
-ends the process; several processes may append at once.
+earlier one by naming it. Commits wait for the disk, so confirmed records survive any end of the
+process; several processes may append at once.
 """
 
 import json
@@ -42,7 +42,7 @@ _COLUMNS = "id, at, kind, candidate, by, inputs, value, supersedes"
 
 
 class Kind(StrEnum):
-    """What is decided."""
+    """The kinds of decisions."""
 
     SCREEN = "screen"
     EDIT = "edit"
@@ -69,10 +69,10 @@ class Author(Document):
 
 
 def person_named(name: str) -> str:
-    """Return the name of a person as records hold it.
+    """Return the name of a person as stored in records.
 
     Raises:
-        BuildError: It is empty, long, or cannot be shown.
+        BuildError: It is empty, too long, or not printable.
     """
     name = " ".join(name.split())
     if not (0 < len(name) <= MAX_NAME_LENGTH and name.isprintable()):
@@ -81,12 +81,12 @@ def person_named(name: str) -> str:
 
 
 def person_key(name: str | None) -> str:
-    """Return what is the same for all spellings of a name: it tells one person from another."""
+    """Return a key that is equal for all spellings of a name, to tell people apart."""
     return unicodedata.normalize("NFKC", name or "").casefold()
 
 
 def now_text() -> str:
-    """The time as records and answers hold it."""
+    """Return the time in the format of records and answers."""
     return datetime.now(UTC).isoformat(timespec="milliseconds")
 
 
@@ -94,15 +94,15 @@ class Record(Document):
     """One decision.
 
     Attributes:
-        kind: What is decided.
+        kind: The kind of decision.
         candidate: Sample id of the keyframe and task.
         by: Who decided.
         inputs: Digests of what was looked at, in a fixed order.
-        value: What was decided, as the document of its kind in `values`; null takes back the
-            record that is superseded and decides nothing.
+        value: The decision, as the document of its kind in `values`; null takes back the superseded
+            record and decides nothing.
         supersedes: Id of the record that no longer counts.
         at: When, in UTC.
-        id: Number in the table, once it is there.
+        id: Number in the table, once appended.
     """
 
     kind: Kind
@@ -116,7 +116,7 @@ class Record(Document):
 
     @property
     def digest(self) -> str:
-        """Digest of the decision: the same, whenever and in whatever order it was made."""
+        """Digest of the decision, independent of when and in which order it was made."""
         return content_digest(self.model_dump(mode="json", exclude={"id", "at", "supersedes"}))
 
 
@@ -126,10 +126,10 @@ class Records(Database):
     tables = _TABLE
 
     def append(self, *records: Record) -> tuple[Record, ...]:
-        """Append decisions, all or none, and return them with their ids, once they are on the disk.
+        """Append decisions, all or none, and return them with their ids, once they are on disk.
 
         Raises:
-            BuildError: They cannot be written, or one supersedes what is superseded already.
+            BuildError: They cannot be written, or one supersedes a superseded record.
         """
         with self._transaction() as write:
             return tuple(self._insert(write, record) for record in records)
@@ -160,7 +160,7 @@ class Records(Database):
     def read(self, *kinds: Kind, after: int = 0) -> Iterator[Record]:
         """Yield records in the order in which they were appended, superseded ones too.
 
-        Of these kinds alone, where any is named, and with a larger id than `after`.
+        Only of the given kinds, if any, and with an id above `after`.
         """
         wanted = kinds or tuple(Kind)
         marks = ", ".join("?" for _ in wanted)
@@ -171,12 +171,12 @@ class Records(Database):
                 yield _record(row)
 
     def standing(self, kind: Kind) -> dict[str, tuple[Record, ...]]:
-        """The records of a kind that nothing supersedes, oldest first, by candidate."""
+        """Return the records of a kind that nothing supersedes, oldest first, by candidate."""
         return standing(tuple(self.read(kind)))
 
 
 def standing(records: Sequence[Record]) -> dict[str, tuple[Record, ...]]:
-    """Those of the records that decide something and that none of them supersedes."""
+    """Return the records that decide something and that none of the others supersedes."""
     gone = {record.supersedes for record in records}
     found: dict[str, list[Record]] = defaultdict(list)
     for record in records:

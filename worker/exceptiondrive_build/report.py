@@ -1,6 +1,6 @@
-"""The numbers of a workshop: how far candidates came, how good the pictures are, what it takes.
+"""The numbers of a workshop: progress of the candidates, quality of the pictures, and cost.
 
-All of it is counted anew from records and answers. Nothing here names a region or a sample.
+All of it is computed from records and answers each time. Nothing here names a region or a sample.
 """
 
 from collections import Counter, defaultdict
@@ -26,12 +26,12 @@ from exceptiondrive_schemas.base import Document
 from exceptiondrive_schemas.datasheet import Agreement, Audit, Cell
 
 PAUSE_S = 300.0
-"""A longer gap between two decisions of a person is a pause, and no work."""
+"""A longer gap between two decisions of a person counts as a pause, not as work."""
 NO_REASON = "no_reason"
 
 
 class Line(Document):
-    """A count, and its share of what it is a part of."""
+    """A count, and its share of the total."""
 
     id: str
     title: str
@@ -40,18 +40,18 @@ class Line(Document):
 
     @property
     def percent(self) -> float | None:
-        """The share in per cent, two decimals; None of nothing."""
+        """The share in per cent, two decimals; None if the total is 0."""
         return round(100 * self.n / self.of, 2) if self.of else None
 
 
 class Spent(Document):
-    """What a stage took so far, and what it would still take.
+    """Cost of a stage so far, and of what remains.
 
     Attributes:
-        calls: Answers so far, of use or not.
+        calls: Answers so far, usable or not.
         hours: Sum of the calls' times; several run at once.
-        cost: By the price table, if it has the model.
-        left: What is open now, as a dry run says.
+        cost: From the price table, if it has the model.
+        left: The open part, as computed by a dry run.
     """
 
     stage: Kind
@@ -64,7 +64,7 @@ class Spent(Document):
 
 
 class People(Document):
-    """What people decided by hand at a stage, but for what they took back; in how long; what is open."""
+    """What people decided by hand at a stage and did not take back; its duration; what is open."""
 
     stage: Kind
     decisions: int
@@ -92,7 +92,7 @@ class Report(Document):
     notes: tuple[str, ...]
 
     def line(self, line_id: str) -> Line:
-        """A line of the funnel by its id."""
+        """Return a line of the funnel by its id."""
         return next(line for line in self.funnel if line.id == line_id)
 
 
@@ -143,7 +143,7 @@ def report(workshop: Workshop) -> Report:
 
 
 def _funnel(workshop: Workshop, candidates: Mapping[str, Candidate]) -> tuple[Line, ...]:
-    """Counts by the review alone, then what people made of them; the auxiliary set beside it."""
+    """Return counts by the review alone, then by people's decisions; and the auxiliary set."""
     everything = candidates.values()
     screened = sum(c.screened is not None for c in everything)
     suitable = [c for c in everything if c.is_suitable]
@@ -179,7 +179,7 @@ def _funnel(workshop: Workshop, candidates: Mapping[str, Candidate]) -> tuple[Li
 
 
 def _rejections(candidate: Candidate, limits: VerifySection) -> Iterator[str]:
-    """Codes why an edit is rejected: of the review; of people `inspected:<mark>`, `region:<which of the four>`."""
+    """Yield rejection codes: from the review; from people `inspected:<mark>`, `region:<check>`."""
     yield from candidate.review_faults
     if candidate.inspected is not None and not candidate.inspected.passed:
         yield f"inspected:{candidate.inspected.reason or NO_REASON}"
@@ -253,7 +253,7 @@ def _people(workshop: Workshop, candidates: Mapping[str, Candidate]) -> tuple[Pe
 
 
 def _notes(printed: Mapping[str, float], funnel: Sequence[Line]) -> tuple[str, ...]:
-    """What printed family shares can be shares of, by whole numbers of each total."""
+    """Find totals of which the printed family shares can be shares, by whole numbers."""
     if not printed:
         return ()
     totals = {line.n: line.title for line in funnel if line.id in _TOTALS and line.n}
@@ -268,7 +268,7 @@ _TOTALS = ("accepted", "auxiliary", "pairs")
 
 
 def shares_fit(percents: Iterable[float], total: int) -> bool:
-    """Whether whole numbers that add up to `total` print as these shares of it, to two decimals."""
+    """Whether whole numbers that sum to `total` print as these shares of it, to two decimals."""
     least, most = 0, 0
     for percent in percents:
         near = round(percent * total / 100)

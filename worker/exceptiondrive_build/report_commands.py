@@ -1,4 +1,4 @@
-"""`exceptiondrive-build report` and `audit plan`: the numbers in words, and drawn."""
+"""`exceptiondrive-build report` and `audit plan`: the numbers as text, and as a plot."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -57,7 +57,7 @@ def plan_command(
 
 
 def show_report(found: Report) -> None:
-    """Print a report for a reader."""
+    """Print a report as text."""
     out = _console()
     out.print(_funnel(found.funnel))
     out.print(_cells("family", found.families))
@@ -99,7 +99,7 @@ def show_report(found: Report) -> None:
 
 
 def show_plan(plan: AuditPlan) -> None:
-    """Print how many to draw for which width."""
+    """Print how many edits to draw for which width of the interval."""
     table = Table(
         "width of the interval",
         "draw",

@@ -1,4 +1,4 @@
-"""`workshop.toml` as a model: tasks in use, prompts by file, endpoints by name, thresholds."""
+"""`workshop.toml` as a model: tasks in use, prompt files, endpoints by name, thresholds."""
 
 from datetime import date
 from typing import Annotated, Any, Literal, Self
@@ -18,7 +18,7 @@ MarkValue = Annotated[int, Field(ge=1, le=5)]
 
 
 class EndpointSection(Document):
-    """Where an OpenAI-compatible endpoint is, and how fast it may be asked."""
+    """Address of an OpenAI-compatible endpoint, and its rate limits."""
 
     base_url: Annotated[str, AfterValidator(checked_address)]
     key_from: str = Field(
@@ -31,7 +31,7 @@ class EndpointSection(Document):
 
 
 class ModelSection(Document):
-    """Which model of which endpoint is asked, and with which words."""
+    """The model, its endpoint, and its prompts."""
 
     endpoint: str
     model: str
@@ -48,7 +48,7 @@ class ModelSection(Document):
 
 
 class ChatSection(ModelSection):
-    """A model that is shown pictures and answers in words."""
+    """A model that sees pictures and answers in text."""
 
     temperature: Annotated[float, Field(ge=0, le=2)] = 0.0
     max_tokens: Annotated[int, Field(ge=1)] = 1500
@@ -65,7 +65,7 @@ class EditSection(ModelSection):
 
 
 class ReviewSection(ChatSection):
-    """The reviewing model, and what an edit must reach. A change of these asks no model anew."""
+    """The reviewing model, and the thresholds of an edit. Changing these asks no model again."""
 
     min_mark: MarkValue = Field(default=3, description="least of any mark")
     min_marks: dict[Mark, MarkValue] = Field(
@@ -81,7 +81,7 @@ class ReviewSection(ChatSection):
 
 
 class InspectSection(Document):
-    """What people look at again."""
+    """What people inspect."""
 
     low_mark: MarkValue = Field(default=3, description="a mark of at most this is looked at")
     draw: Annotated[int, Field(ge=0)] = Field(
@@ -99,21 +99,21 @@ class AuxiliarySection(Document):
 
 
 class LocalizeSection(Document):
-    """Which of a detector's boxes may be a region."""
+    """Which of a detector's boxes may become a region."""
 
     max_distance_m: Positive = Field(default=8.0, description="from the target to its centre")
     min_score: Share = 0.0
 
 
 class VerifySection(Document):
-    """How far two people may lie apart before a third decides."""
+    """How far two readings may differ before a third person decides."""
 
     min_iou: Share = 0.7
     max_corner_distance_m: Positive = 1.0
 
 
 class FreezeSection(Document):
-    """What of the keyframes goes into the split beside the regions."""
+    """What goes into the split beside the regions."""
 
     recorded: bool = Field(default=True, description="the path that was really driven")
     recorded_is_public: bool = Field(
@@ -133,7 +133,7 @@ class FreezeSection(Document):
 
 
 class DatasheetSection(Words):
-    """What readers are told, in the organizers' own words."""
+    """Texts for readers, in the organizers' own words."""
 
     examples: tuple[str, ...] = Field(
         default=(), description="sample ids whose pictures are shown; needs `licence`"
@@ -154,7 +154,7 @@ class DatasheetSection(Words):
 
 
 class Price(Document):
-    """What a model costs, in the currency of the workshop."""
+    """The price of a model, in the currency of the workshop."""
 
     prompt: Annotated[float, Field(ge=0)] = Field(default=0.0, description="a million tokens in")
     completion: Annotated[float, Field(ge=0)] = Field(default=0.0, description="a million out")
@@ -207,12 +207,12 @@ class WorkshopSettings(Document):
 
 
 class TaskTexts(Document):
-    """What models are told of a task, and where its hazard may lie.
+    """Texts for the models about a task, and where its hazard may be.
 
     Attributes:
         suitable: When a scene suits it.
-        rejections: When it does not: code of each rule, and its words.
-        edit: What is to be put into the picture.
+        rejections: When it does not: code of each rule, and its text.
+        edit: What is to be drawn into the picture.
         ahead_m: Least and greatest distance of the target ahead of the rear axle.
         left_m: Least and greatest distance of the target to its left.
         size_m: Length, width and height of the space that the hazard takes.

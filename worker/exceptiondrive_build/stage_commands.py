@@ -1,4 +1,4 @@
-"""`exceptiondrive-build run` and `localize`: the stages that ask a model, and proposals for regions."""
+"""`exceptiondrive-build run` and `localize`: stages that ask a model, and proposals for regions."""
 
 from pathlib import Path
 from typing import Annotated
@@ -94,7 +94,7 @@ def localize_command(
 
 
 def plan_text(plan: StagePlan) -> str:
-    """A plan for a reader."""
+    """Return a plan as text."""
     basis = f"measured on {counted(plan.timed_calls, 'call')}" if plan.timed_calls else "guessed"
     lines = [
         f"stage        {plan.stage}",
@@ -108,7 +108,7 @@ def plan_text(plan: StagePlan) -> str:
 
 
 def report_text(report: StageReport) -> str:
-    """A report for a reader."""
+    """Return a report as text."""
     lines = [
         f"stage        {report.stage}",
         f"decided      {report.decided:,}, still open {report.still_open:,}",

@@ -1,4 +1,4 @@
-"""The stages that ask a model, in their order, by the name that `run` takes."""
+"""The stages that ask a model, in order, by their names for `run`."""
 
 from exceptiondrive_build.asking import Stage
 from exceptiondrive_build.chat import ReviewStage, ScreenStage

@@ -1,4 +1,4 @@
-"""What a record of each kind decides: the documents in `Record.value`."""
+"""The decision of each kind of record: the documents in `Record.value`."""
 
 from enum import StrEnum
 from typing import Annotated, Literal
@@ -9,12 +9,12 @@ from exceptiondrive_schemas.base import Document
 from exceptiondrive_schemas.submission_files import Waypoint
 
 MAX_REASON_LENGTH = 500
-"""Of the reason of a withdrawal, as split files hold it."""
+"""Maximum length of the reason of a withdrawal, as in split files."""
 Corners = tuple[Waypoint, Waypoint, Waypoint, Waypoint]
 
 
 class Mark(StrEnum):
-    """What an edit is judged by, from 1 (bad) to 5 (good)."""
+    """The criteria for an edit, from 1 (bad) to 5 (good)."""
 
     HAZARD_CORRECTNESS = "hazard_correctness"
     PHYSICAL_PLAUSIBILITY = "physical_plausibility"
@@ -25,26 +25,26 @@ class Mark(StrEnum):
 
 
 class Unanswered(Document):
-    """A model was asked as often as the settings say, and gave nothing that can be used."""
+    """A model was asked as often as the settings allow, and gave no usable answer."""
 
     failure: str
     detail: str
 
 
 class ViewEdit(Document):
-    """One view to edit, and what the editing model is told of it."""
+    """One view to edit, and the instruction for the editing model."""
 
     view: str
     instruction: str
 
 
 class Screened(Document):
-    """Whether the task suits the scene; if so where, and which views are to be edited.
+    """Whether the task suits the scene; if so, where, and which views to edit.
 
     Attributes:
-        reason: Code of the rejection rule, where it does not.
+        reason: Code of the rejection rule, if it does not.
         target_m: Place of the hazard in metres ahead and left of the rear axle.
-        views: Views in which the hazard is seen.
+        views: Views in which the hazard is visible.
     """
 
     suitable: bool
@@ -64,7 +64,7 @@ class Change(Document):
     """How much a view changed: 1 - structural similarity, mean over the pixels of the area.
 
     Attributes:
-        inside: Within the target area as projected into the view; none where it is not in view.
+        inside: Within the target area as projected into the view; none if it is not in view.
         outside: Everywhere else.
     """
 
@@ -81,7 +81,7 @@ class Reviewed(Document):
 
 
 class Inspected(Document):
-    """A person's word about the pictures of a candidate: whether they show what they should."""
+    """A person's decision on the pictures of a candidate: whether they show what they should."""
 
     passed: bool
     reason: Mark | None = None
@@ -89,10 +89,10 @@ class Inspected(Document):
 
 
 class Localized(Document):
-    """A proposal for the region: four corners in order round it, ego frame, metres.
+    """A proposal for the region: four corners in order around it, ego frame, metres.
 
     Attributes:
-        source: `detector`, or `by_hand` for a rectangle at the target that waits to be moved.
+        source: `detector`, or `by_hand` for a rectangle at the target that is to be moved.
         score: The detector's confidence.
     """
 
@@ -105,13 +105,13 @@ Checked = Literal["location", "views", "calibration", "task"]
 
 
 class Verified(Document):
-    """A person's word about the region: accepted with these corners, or rejected.
+    """A person's decision on the region: accepted with these corners, or rejected.
 
     Attributes:
-        checked: Which of the four things was checked: the intended location, the views, the
+        checked: Which of the four checks were made: the intended location, the views, the
             calibration, the task.
-        reason: Which of the four a rejection is for.
-        blind: Whether the person decided without seeing what others said; a third reader does see.
+        reason: The check that a rejection is for.
+        blind: Whether the person decided without seeing others' decisions, unlike a third reader.
     """
 
     accepted: bool
@@ -123,6 +123,6 @@ class Verified(Document):
 
 
 class Withdrawn(Document):
-    """A sample that a later revision counts no more, and why, in words for readers."""
+    """A sample that a later revision no longer counts, and why, in words for readers."""
 
     reason: Annotated[str, Field(min_length=1)]

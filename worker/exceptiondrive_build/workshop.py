@@ -39,7 +39,7 @@ RECORDS = "records.sqlite3"
 IMAGES = "images"
 ANSWERS = "answers"
 GIT_IGNORE, IGNORE_ALL = ".gitignore", "*\n"
-"""A folder with withheld regions keeps itself out of the repository that it may stand in."""
+"""Keeps a folder with withheld regions out of the repository that it may be in."""
 _READ_AGAIN = "Read the scenes in again: exceptiondrive-build scenes read SOURCE --replace"
 _ADVICE = (
     "`exceptiondrive-build new FOLDER --name NAME` makes a workshop with all files that it needs; "
@@ -78,9 +78,9 @@ class Workshop:
         self.records.close()
 
     def current(self, kind: Kind) -> dict[str, Record]:
-        """The newest record of a kind that nothing supersedes, by candidate.
+        """Return the newest record of a kind that nothing supersedes, by candidate.
 
-        Whether what it looked at is still what would be looked at is for `candidates.walk`.
+        Whether its inputs are still current is checked by `candidates.walk`.
         """
         return {key: found[-1] for key, found in self.records.standing(kind).items()}
 
@@ -96,10 +96,10 @@ class Workshop:
             raise BuildError(f"{self.folder / name}: {_reason_of(error)}.", _ADVICE) from None
 
     def read_changes(self) -> bool:
-        """Take in settings, words and scenes that somebody wrote meanwhile; return whether any did.
+        """Reload settings, prompts and scenes changed since; return whether any did.
 
         Raises:
-            BuildError: The settings are wrong; those before stay.
+            BuildError: The settings are wrong; the former ones stay.
         """
         if self._written == self._stamps(self.settings):
             return False
@@ -118,7 +118,7 @@ class Workshop:
         self._written = self._stamps(self.settings) | {SETTINGS: at}
 
     def _stamps(self, settings: WorkshopSettings) -> dict[str, tuple[int, ...]]:
-        """When each file that people write was last written."""
+        """Return when each file that people write was last written."""
         prompts = (model.prompt for model in settings.models.values())
         names = (SETTINGS, SCENES, settings.task_texts, settings.protocol, *prompts)
         return {name: self._stamp(name) for name in names if name}
@@ -149,7 +149,7 @@ class Workshop:
         """The tasks in use, in the order of the taxonomy.
 
         Raises:
-            BuildError: The settings name a task that the protocol does not know.
+            BuildError: The settings name a task that is not in the protocol.
         """
         known = {task.id: task for task in self.protocol.taxonomy.tasks}
         unknown = sorted(set(self.settings.tasks) - known.keys())
@@ -163,7 +163,7 @@ class Workshop:
 
     @cached_property
     def task_texts(self) -> dict[str, TaskTexts]:
-        """What models are told of each task in use.
+        """The texts about each task in use.
 
         Raises:
             BuildError: The file is wrong, or lacks a task.
@@ -184,7 +184,7 @@ class Workshop:
         """The keyframes of `scenes.jsonl` by id, in its order; none before scenes are read in.
 
         Raises:
-            BuildError: A line is no keyframe, or an id stands twice.
+            BuildError: A line is no keyframe, or an id occurs twice.
         """
         path = self.folder / SCENES
         if not path.exists():
@@ -192,14 +192,14 @@ class Workshop:
         return read_keyframes(path, self.text(SCENES).encode(), _READ_AGAIN)
 
     def sample_id(self, keyframe_id: str, task_id: str) -> str:
-        """The id of a candidate: 16 hex digits that tell neither without the workshop's key."""
+        """Return a candidate's id: 16 hex digits that reveal neither without the workshop's key."""
         text = f"{keyframe_id}\n{task_id}".encode()
         return hmac.new(self.settings.id_key.encode(), text, hashlib.sha256).hexdigest()[:16]
 
     def keep_image(self, data: bytes, extension: str) -> str:
-        """Keep a picture under its digest and return its name, `<sha256>.<ext>`.
+        """Store a picture under its digest and return its name, `<sha256>.<ext>`.
 
-        It is whole and on the disk when this returns.
+        It is complete and on disk when this returns.
 
         Raises:
             BuildError: It cannot be written.
@@ -222,14 +222,14 @@ class Workshop:
         return name
 
     def image_path(self, name: str) -> Path:
-        """Where a picture is kept."""
+        """Return the path of a picture."""
         return self.folder / IMAGES / name
 
     def image(self, name: str) -> bytes:
         """Return a picture's bytes.
 
         Raises:
-            BuildError: It is not there, cannot be read, or is not what its name says.
+            BuildError: It does not exist, cannot be read, or does not match the digest in its name.
         """
         path = self.image_path(name)
         try:
@@ -249,7 +249,7 @@ def new_workshop(folder: Path, name: str, id_key: str) -> None:
     """Make a workshop: settings to be filled in, prompts, and the words of all tasks.
 
     Raises:
-        BuildError: There is one already, name or key is none, or the folder cannot be written.
+        BuildError: One exists already, name or key is invalid, or the folder cannot be written.
     """
     if not re.fullmatch(SPLIT_NAME_PATTERN, name):
         advice = "At most 64 of a-z, 0-9, . and -; first a letter or a digit."

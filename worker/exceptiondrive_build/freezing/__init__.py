@@ -1,1 +1,1 @@
-"""From the records of a workshop to a split, and to all that is published beside it."""
+"""From the records of a workshop to a split, and to everything that is published beside it."""

@@ -1,4 +1,4 @@
-"""Commands at the end of the way: lint, freeze, reopen, withdraw."""
+"""The final commands: lint, freeze, reopen, withdraw."""
 
 import json as json_module
 import tempfile
@@ -269,7 +269,7 @@ def _read(path: Path) -> Split:
 
 
 def _sheet_of(split: Split, path: Path) -> Datasheet | None:
-    """The datasheet that was frozen with a split, if it lies beside its file."""
+    """Return the datasheet that was frozen with a split, if it is beside its file."""
     try:
         sheet = read_datasheet(path) if path.name.startswith("split") else None
     except SplitUnreadableError as error:
@@ -278,7 +278,7 @@ def _sheet_of(split: Split, path: Path) -> Datasheet | None:
 
 
 def _write(folder: Path, files: Iterable[tuple[str, bytes]]) -> None:
-    """Write all files or none: a folder that is there is whole, and holds these files alone; git leaves it out."""
+    """Write all files or none into a new folder that holds these files alone; git ignores it."""
     if folder.exists():
         raise BuildError(f"{folder} is there already.", "A frozen split is never written over.")
     try:

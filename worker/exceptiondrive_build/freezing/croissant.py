@@ -48,7 +48,7 @@ _CONTEXT = {
 
 
 def croissant(sheet: Datasheet, files: Mapping[str, bytes]) -> bytes:
-    """Describe the public files of a split, by name; among them is `manifest.json`."""
+    """Describe the public files of a split, given by name; `manifest.json` is among them."""
     words = sheet.words
     document = {
         "@context": _CONTEXT,

@@ -1,4 +1,4 @@
-"""A datasheet as text to read: Markdown, and one HTML page that needs nothing else."""
+"""A datasheet as text: Markdown, and one self-contained HTML page."""
 
 from base64 import b64encode
 from collections.abc import Iterable, Sequence
@@ -41,7 +41,7 @@ class _Section:
 
 
 def markdown_of(sheet: Datasheet) -> str:
-    """The datasheet as Markdown; pictures are left out."""
+    """Return the datasheet as Markdown, without pictures."""
     lines = [f"# {_flat(sheet.title)}", ""]
     for section in _sections(sheet):
         lines += [f"## {section.title}", ""]
@@ -53,7 +53,7 @@ def markdown_of(sheet: Datasheet) -> str:
 
 
 def html_of(sheet: Datasheet) -> str:
-    """The datasheet as a page, pictures included."""
+    """Return the datasheet as a page, with pictures."""
     body = "".join(map(_section_html, _sections(sheet)))
     figures = "".join(
         f"<figure>{_img(example.source, 'source')}{_img(example.edited, 'edited')}"
@@ -183,7 +183,7 @@ def _interval(interval: Interval) -> str:
 
 
 def _flat(text: str) -> str:
-    """Text on one line, in which Markdown sees no tag."""
+    """Return text on one line in which Markdown sees no tag."""
     return " ".join(escape(text, quote=False).split())
 
 

@@ -1,7 +1,7 @@
-"""Freezing: from the records to a split, and to all that is published beside it.
+"""Freezing: from the records to a split, and to everything that is published beside it.
 
 A pure function of workshop and previous revision: the same decisions give the same bytes, whenever
-they were taken and however often the work broke off. Regions go into `split.json.gz` alone.
+they were made and however often the work was interrupted. Only `split.json.gz` holds regions.
 """
 
 import gzip
@@ -43,7 +43,7 @@ _NAMED = 10
 
 @dataclass(frozen=True)
 class Frozen:
-    """A split and what is published beside it; its provenance is what it stands on, sample by sample."""
+    """A split and what is published beside it; provenance lists its decisions sample by sample."""
 
     split: Split
     datasheet: Datasheet
@@ -51,9 +51,9 @@ class Frozen:
     manifest: Manifest
 
     def files(self) -> dict[str, bytes]:
-        """File name to content. `split.json.gz` and `provenance.jsonl` are withheld.
+        """Return content by file name. `split.json.gz` and `provenance.jsonl` are withheld.
 
-        Provenance names what a model was asked by digest, and so tells which samples share a task.
+        Provenance holds digests of prompts, and so reveals which samples share a task.
         """
         manifest = canonical_json(self.manifest)
         sheet = canonical_json(self.datasheet)
@@ -77,15 +77,15 @@ def freeze(
     words: str = "",
     sheet_before: Datasheet | None = None,
 ) -> Frozen:
-    """Freeze what is accepted and verified.
+    """Freeze all samples that are accepted and verified.
 
-    Of a previous revision all samples stay, each counted or withdrawn; later ones wait for the next
-    split, since the files of this one do not answer them. Readers are told `words` of the change, and
-    where further candidates came since, how the split was made as `sheet_before` has it.
+    All samples of a previous revision stay, each counted or withdrawn; new ones wait for the next
+    split, since files for this one do not answer them. Readers see `words` about the change. If new
+    candidates were added since, `sheet_before` describes how the split was made.
 
     Raises:
         BuildError: Nothing is verified, a sample of the previous revision is neither verified nor
-            withdrawn, a control or an example is not there, or the split cannot be scored.
+            withdrawn, a control or an example does not exist, or the split cannot be scored.
     """
     split = _split(workshop, candidates, previous)
     settings = workshop.settings
@@ -176,14 +176,14 @@ def _split(
 
 
 def _in_parts(samples: list[SplitSample], public: set[str]) -> Iterator[SplitSample]:
-    """Part what is of no part yet, where the settings name public samples."""
+    """Assign samples without a part to one, if the settings name public samples."""
     for it in samples:
         part = "public" if it.sample_id in public else "private"
         yield it.model_copy(update={"part": part}) if public and it.part is None else it
 
 
 def parted_otherwise(workshop: Workshop, split: Split) -> int:
-    """How many samples are of another part than the settings name, where they name public ones."""
+    """Return how many samples have another part than in the settings, if those name public ones."""
     public = set(workshop.settings.freeze.public_part)
     return sum((it.part == "public") != (it.sample_id in public) for it in split.samples if public)
 
@@ -191,7 +191,7 @@ def parted_otherwise(workshop: Workshop, split: Split) -> int:
 def _asked_otherwise(
     workshop: Workshop, candidates: Mapping[str, Candidate], sample_ids: list[str]
 ) -> list[str]:
-    """Those about which a model decided that would be asked otherwise now."""
+    """Return the samples that a model decided which would be asked differently now."""
     told = {kind: workshop.current(kind) for kind in (Kind.SCREEN, Kind.EDIT, Kind.REVIEW)}
     return [
         key
@@ -201,13 +201,13 @@ def _asked_otherwise(
 
 
 def withdrawals(workshop: Workshop) -> dict[str, str]:
-    """Sample id to why it was withdrawn."""
+    """Return the reason of each withdrawal by sample id."""
     standing = workshop.current(Kind.WITHDRAW)
     return {key: str((record.value or {})["reason"]) for key, record in standing.items()}
 
 
 def _regions(workshop: Workshop, candidates: Mapping[str, Candidate]) -> dict[str, Corners]:
-    """Corners of each candidate that is accepted and verified."""
+    """Return the corners of each candidate that is accepted and verified."""
     found = {}
     for sample_id, candidate in candidates.items():
         if candidate.is_accepted:
@@ -218,7 +218,7 @@ def _regions(workshop: Workshop, candidates: Mapping[str, Candidate]) -> dict[st
 
 
 def undecided(workshop: Workshop, candidates: Mapping[str, Candidate]) -> int:
-    """How many edits are accepted whose region waits for a reader."""
+    """Return the number of accepted edits whose region waits for a reader."""
     limits, withdrawn = workshop.settings.verify, withdrawals(workshop)
     return sum(
         candidate.is_accepted
@@ -229,7 +229,7 @@ def undecided(workshop: Workshop, candidates: Mapping[str, Candidate]) -> int:
 
 
 def not_inspected(workshop: Workshop, candidates: Mapping[str, Candidate], split: Split) -> int:
-    """How many samples that a person is to look at nobody has looked at."""
+    """Return how many samples that a person should inspect nobody has inspected."""
     taken = {sample.sample_id for sample in split.samples if sample.withdrawn is None}
     wanted = to_inspect(candidates, workshop.settings.inspect)
     return sum(key in taken and candidates[key].inspected is None for key in wanted)
@@ -238,7 +238,7 @@ def not_inspected(workshop: Workshop, candidates: Mapping[str, Candidate], split
 def _sample(
     workshop: Workshop, candidate: Candidate, region: Corners, earlier: SplitSample | None = None
 ) -> SplitSample:
-    """A sample as the workshop has it; what it does not know, the earlier revision's file says."""
+    """Return a sample from the workshop; unknown values come from the earlier revision's file."""
     settings, drive = workshop.settings.freeze, candidate.keyframe.recorded
     sample = SplitSample(
         sample_id=candidate.sample_id,
@@ -252,14 +252,14 @@ def _sample(
         return sample
     kept = {name: getattr(earlier, name) for name in ("part", "d_safe_m", "acceptable")}
     if earlier.region in orders(region):
-        kept["region"] = earlier.region  # a list that begins elsewhere is no change
+        kept["region"] = earlier.region  # another first corner is no change
     if drive is None:
         kept["recorded"] = earlier.recorded
     return sample.model_copy(update=kept)
 
 
 def changed_alone(previous: Split, split: Split, taxonomy: Taxonomy) -> list[str]:
-    """Return the titles of families of which one sample alone, or one of a part, counts otherwise than before."""
+    """Return the families in which exactly one sample, or one of a part, counts differently now."""
     before, after = ({it.sample_id: it.region for it in each.counted} for each in (previous, split))
     changed = Counter(
         (taxonomy.task(it.task).family, it.part)
@@ -275,10 +275,10 @@ def changed_alone(previous: Split, split: Split, taxonomy: Taxonomy) -> list[str
 
 
 def auxiliary(workshop: Workshop, candidates: Mapping[str, Candidate], split: Split) -> Split:
-    """The edited pairs that are not in the benchmark, as a split of its own.
+    """Return the edited pairs that are not in the benchmark, as a separate split.
 
-    Their regions are verified, proposed, or a rectangle of the task's size at the target: good to
-    study failures, and for no board. One that cannot be scored is left out.
+    Their regions are verified, proposed, or a rectangle of the task's size at the target: they
+    serve the study of failures, and no board. Those that cannot be scored are left out.
 
     Raises:
         BuildError: There is none.
@@ -321,7 +321,7 @@ def _likely_region(workshop: Workshop, candidate: Candidate) -> Corners | None:
 
 
 def gzipped(split: Split) -> bytes:
-    """The one file of a split: samples by id, nothing that says nothing."""
+    """Return the one file of a split: samples by id, without empty values."""
     document = split.model_dump(mode="json", by_alias=True, exclude_none=True)
     document["samples"].sort(key=lambda sample: sample["sample_id"])
     return gzip.compress(canonical_json(document), mtime=0)
@@ -391,9 +391,9 @@ def _datasheet(
 def _as_counted_before(
     sheet: Datasheet, before: Datasheet | None, *, some_verified: bool
 ) -> Datasheet:
-    """Leave out candidates of the next split: where some came since, the counts of before stand.
+    """Leave out candidates of the next split: if some were added, the former counts are kept.
 
-    They came where others are suitable or edited than before, or some are verified already.
+    New ones show in other numbers of suitable or edited candidates, or in verified ones.
     """
     if before is None or not before.stages:
         return sheet
@@ -420,7 +420,7 @@ def _as_counted_before(
 def _examples(
     workshop: Workshop, candidates: Mapping[str, Candidate], split: Split
 ) -> Iterator[Example]:
-    """Pairs that the settings name. The family is told only of what is not in the split."""
+    """Yield the pairs that the settings name; the family only if the pair is not in the split."""
     chosen = workshop.settings.datasheet.examples
     _refuse_some(
         [key for key in chosen if key not in candidates or not candidates[key].pictures],
@@ -441,7 +441,7 @@ def _examples(
 def pictures(
     workshop: Workshop, candidates: Mapping[str, Candidate], split: Split
 ) -> Iterator[tuple[str, bytes]]:
-    """Yield name and content of the pictures that the settings want beside the split."""
+    """Yield name and content of the pictures that the settings publish beside the split."""
     for sample in split.counted if workshop.settings.freeze.pictures else ():
         both = _pictures(workshop, candidates[sample.sample_id])
         for shows, data in zip(("source", "edited"), both, strict=True):
@@ -450,14 +450,14 @@ def pictures(
 
 
 def _pictures(workshop: Workshop, candidate: Candidate) -> tuple[bytes, bytes]:
-    """The first edited view: as it was, and as it became."""
+    """Return the first edited view: source and edit."""
     assert isinstance(candidate.edited, Edited)
     view, edited = next(iter(candidate.edited.images.items()))
     return workshop.image(candidate.keyframe.camera(view).image), workshop.image(edited)
 
 
 def _provenance_line(record: Record) -> bytes:
-    """Who decided what, by digest: of the record, and of what was looked at. No value."""
+    """Return who decided what, by digest of the record and of its inputs. No value."""
     line = {
         "candidate": record.candidate,
         "kind": record.kind.value,

@@ -1,1 +1,1 @@
-"""The page on which people look at edits and verify regions; it answers on the loopback alone."""
+"""The page on which people inspect edits and verify regions; it is served on loopback only."""

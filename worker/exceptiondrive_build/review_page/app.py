@@ -1,4 +1,4 @@
-"""The review page: its command, and the application: the loopback alone, one-time addresses, reviewers."""
+"""The review page's command and application: loopback only, one-time addresses, reviewers."""
 
 import re
 import secrets
@@ -44,14 +44,14 @@ LOOPBACK = {"127.0.0.1", "localhost"}
 COOKIE = "exceptiondrive_review"
 PICTURE_NAME = re.compile(r"[0-9a-f]{64}\.[a-z]{1,8}")
 HELD_AT_ONCE = 4
-"""The card on the screen, and those whose pictures are fetched ahead."""
+"""The card on the screen, and those whose pictures are prefetched."""
 HEADERS = {
     "Content-Security-Policy": (
         "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; "
         "connect-src 'self'; form-action 'self'; base-uri 'none'; frame-ancestors 'none'"
     ),
     "X-Content-Type-Options": "nosniff",
-    "Referrer-Policy": "same-origin",  # forms have to say where they come from
+    "Referrer-Policy": "same-origin",  # forms must send their origin
     "Cross-Origin-Opener-Policy": "same-origin",
     "Cross-Origin-Resource-Policy": "same-origin",
 }
@@ -63,14 +63,14 @@ REASONS = (
     (Mark.SOURCE_PRESERVATION, "the rest changed, too"),
     (Mark.CONFLICT_CLARITY, "no clear conflict"),
 )
-"""What an edit may be refused for, in the order of the digits."""
+"""Reasons to reject an edit, in the order of the digit keys."""
 CHECKS: tuple[tuple[Checked, str], ...] = (
     ("location", "L"),
     ("views", "V"),
     ("calibration", "K"),
     ("task", "T"),
 )
-"""What a verification checks, with its key."""
+"""The checks of a verification, with their keys."""
 TAKEN = (
     "This card has moved on while this browser was away: somebody else has it, or has decided, or "
     "its pictures are others now. "
@@ -79,20 +79,20 @@ TAKEN = (
 
 
 class Decision(Document):
-    """What a browser sends: a card, and the word as its kind has it."""
+    """A request of a browser: a card, and the decision in the form of its kind."""
 
     card: str
     value: dict[str, Any]
 
 
 class Which(Document):
-    """A card."""
+    """A request about a card."""
 
     card: str
 
 
 def review_app(folder: Path, announce: Callable[[str], None], *, lease_s: float = 60.0) -> FastAPI:
-    """Make the application for one workshop; `announce` is told each one-time key that opens it."""
+    """Build the application of one workshop; `announce` gets each one-time key that opens it."""
 
     @asynccontextmanager
     async def life(app: FastAPI) -> AsyncIterator[None]:
@@ -116,7 +116,7 @@ def review_app(folder: Path, announce: Callable[[str], None], *, lease_s: float 
 
 
 async def _guard(request: Request, proceed: Callable[[Request], Awaitable[Response]]) -> Response:
-    """Answer browsers of this machine that opened the page, and no page of another site."""
+    """Serve browsers of this machine that opened the page, and requests from no other site."""
     host = request.headers.get("host", "")
     origin = request.headers.get("origin")
     is_ours = urlsplit(f"//{host}").hostname in LOOPBACK and (
@@ -172,10 +172,10 @@ def _doors(request: Request) -> Doors:
 
 
 def _holder(request: Request) -> Holder:
-    """Who asks.
+    """Return the signed-in reviewer of a request.
 
     Raises:
-        HTTPException: Nobody who is signed in.
+        HTTPException: Nobody is signed in.
     """
     holder = _doors(request).holder(request.cookies.get(COOKIE))
     if holder is None or not holder.reviewer:

@@ -1,4 +1,4 @@
-"""A card as the page gets it: one document with all that a reviewer needs to see."""
+"""A card as sent to the page: one document with all that a reviewer needs to see."""
 
 from typing import Any
 
@@ -12,7 +12,7 @@ from exceptiondrive_build.values import Edited, Reviewed, Screened
 
 
 def card(desk: Desk, queue: Queue, sample_id: str) -> dict[str, Any]:
-    """Return a card; of what others said it holds something for a third reader alone."""
+    """Return a card; only for a third reader does it hold decisions of others."""
     candidate = desk.candidates[sample_id]
     keyframe, task, protocol = candidate.keyframe, candidate.task, desk.workshop.protocol
     screened, reviewed = candidate.screened, candidate.reviewed
@@ -50,7 +50,7 @@ def card(desk: Desk, queue: Queue, sample_id: str) -> dict[str, Any]:
 
 
 def _view(candidate: Candidate, camera: Camera) -> dict[str, Any]:
-    """One view. `ground`: takes (x, y, 1) in metres on the ground to (u depth, v depth, depth)."""
+    """One view. `ground` maps (x, y, 1) in metres on the ground to (u depth, v depth, depth)."""
     edited = (
         candidate.edited.images.get(camera.view) if isinstance(candidate.edited, Edited) else None
     )

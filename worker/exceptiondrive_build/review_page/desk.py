@@ -1,7 +1,7 @@
-"""Which cards wait for whom, and what becomes of a decision.
+"""Assigns cards to reviewers, and takes their decisions.
 
-Two queues. `inspect`: does this edit show what it should; one person a card. `verify`: is this the
-region; two people blind to each other, and a third one who sees both where they differ.
+There are two queues. `inspect`: does this edit show what it should; one person a card. `verify`: is
+this the region; two people who are blind to each other, and a third who sees both if they differ.
 """
 
 import math
@@ -24,24 +24,24 @@ from exceptiondrive_build.workshop import RECORDS, Workshop
 Queue = Literal["inspect", "verify"]
 KINDS: Mapping[Queue, Kind] = {"inspect": Kind.INSPECT, "verify": Kind.VERIFY}
 WALK_EVERY_S, WALK_WHEN_IDLE_S = 60.0, 5.0
-"""How old what stages have done may be: while there are cards, and when a reviewer has none."""
+"""Maximum age of the known stage results: while there are cards, and if a reviewer has none."""
 
 
 class TakenError(Exception):
-    """Somebody else got the card while a browser was away; what it decided is not needed."""
+    """Somebody else got the card while a browser was away; its decision is not needed."""
 
 
 @dataclass(frozen=True)
 class Progress:
-    """How far a queue is.
+    """Progress of a queue.
 
     Attributes:
-        cards: All of it.
+        cards: All cards.
         decided: Cards that need nobody any more.
-        mine: Standing decisions of the person who asks.
-        for_me: Cards that wait, and that the person may decide.
-        for_others: Cards that wait for somebody else: read by this person already.
-        third: Of all that wait, those on which two differ.
+        mine: Standing decisions of this reviewer.
+        for_me: Waiting cards that this reviewer may decide.
+        for_others: Waiting cards that this reviewer has read already.
+        third: Of all waiting cards, those on which two readers differ.
     """
 
     cards: int
@@ -53,7 +53,7 @@ class Progress:
 
 
 class Desk:
-    """All cards of one workshop; cheap to ask after each decision."""
+    """All cards of one workshop; queries after each decision are cheap."""
 
     def __init__(self, workshop: Workshop, lease_s: float) -> None:
         """Read the records once.
@@ -74,12 +74,12 @@ class Desk:
         self.refresh()
 
     def refresh(self, walk_after_s: float = WALK_EVERY_S) -> None:
-        """Take in what others have appended and settings that changed; stages may run meanwhile.
+        """Read what others appended and settings that changed; stages may run meanwhile.
 
-        What they did is walked over once the last walk is `walk_after_s` old.
+        New results of stages are evaluated if the last evaluation is `walk_after_s` old.
 
         Raises:
-            BuildError: Records, settings, words or scenes cannot be read.
+            BuildError: Records, settings, prompts or scenes cannot be read.
         """
         if self.workshop.read_changes():
             self._walked_at, self._is_stale = -math.inf, True
@@ -98,7 +98,7 @@ class Desk:
             self._standing.clear()
 
     def cards(self, queue: Queue) -> list[str]:
-        """Sample ids of a queue, decided ones too, in the order in which they are shown."""
+        """Return the sample ids of a queue, decided ones too, in display order."""
         if queue == "inspect":
             return list(self.why)
         return [
@@ -110,7 +110,7 @@ class Desk:
         ]
 
     def standing(self, queue: Queue, sample_id: str) -> tuple[Record, ...]:
-        """What people have said of a card's pictures and have not taken back, oldest first."""
+        """Return the decisions on a card's pictures that were not taken back, oldest first."""
         if (queue, sample_id) not in self._standing:
             records = standing(self._of_people.get((KINDS[queue], sample_id), ()))
             pictures = self.candidates[sample_id].pictures
@@ -120,26 +120,26 @@ class Desk:
         return self._standing[queue, sample_id]
 
     def is_third(self, sample_id: str) -> bool:
-        """Whether two readers of a region differ, and nobody has decided between them."""
+        """Whether two readers of a region differ, and no third one has decided."""
         found = outcome(self.standing("verify", sample_id), self.workshop.settings.verify)
         return found.state == "third"
 
     def seats(self, queue: Queue, sample_id: str) -> int:
-        """How many people a card still needs."""
+        """Return how many people a card still needs."""
         records = self.standing(queue, sample_id)
         if queue == "inspect":
             return 0 if records else 1
         return readings_left(records, self.workshop.settings.verify)
 
     def may_decide(self, queue: Queue, sample_id: str, reviewer: str) -> bool:
-        """Whether a card needs somebody, and this person has not spoken on it yet."""
+        """Whether a card needs somebody, and this person may still decide it."""
         if self.seats(queue, sample_id) == 0 or self.own(queue, sample_id, reviewer):
             return False
         is_blind = queue == "verify" and not self.is_third(sample_id)
         return not (is_blind and self._knows_others(sample_id, reviewer))
 
     def _knows_others(self, sample_id: str, reviewer: str) -> bool:
-        """Whether a person was shown what others said of a region, and so reads it blind no more."""
+        """Whether a person saw others' decisions on a region, and so no longer reads it blind."""
         return any(
             record.value is not None
             and not record.value["blind"]
@@ -148,7 +148,7 @@ class Desk:
         )
 
     def own(self, queue: Queue, sample_id: str, reviewer: str) -> Record | None:
-        """The standing word of a person on a card; not a third reader's on words that changed since."""
+        """Return a person's standing decision on a card; no third reader's on outdated readings."""
         key = person_key(reviewer)
         mine = [r for r in self.standing(queue, sample_id) if person_key(r.by.person) == key]
         if queue == "verify" and self.is_third(sample_id):
@@ -156,7 +156,7 @@ class Desk:
         return mine[-1] if mine else None
 
     def claim(self, queue: Queue, holder: Holder, count: int) -> list[str]:
-        """Give cards to a browser; those that it skipped come last.
+        """Assign cards to a browser; those that it skipped come last.
 
         Raises:
             BuildError: The leases cannot be written.
@@ -184,7 +184,7 @@ class Desk:
         return taken
 
     def skip(self, queue: Queue, sample_id: str, holder: Holder) -> None:
-        """Give a card back and show it to this browser last."""
+        """Release a card, and show it to this browser last."""
         if (queue, sample_id) in self._skipped[holder.browser]:
             self._skipped[holder.browser].remove((queue, sample_id))
         self._skipped[holder.browser].append((queue, sample_id))
@@ -197,14 +197,14 @@ class Desk:
         holder: Holder,
         value: Inspected | Verified,
     ) -> None:
-        """Append a decision and give the card back.
+        """Append a decision and release the card.
 
-        The same word sent again, as after a lost answer, is the same decision. `blind` of a
-        verification says how the card was shown.
+        Idempotent: repeating a decision, as after a lost answer, adds none. `blind` says how the
+        card of a verification was shown.
 
         Raises:
-            BuildError: It cannot be kept, the region cannot be scored, nothing of it was checked, or
-                another word of this person stands.
+            BuildError: It cannot be stored, the region cannot be scored, nothing of it was checked,
+                or another decision of this person stands.
             TakenError: The card was given to somebody else meanwhile, its readings changed, or its
                 pictures are not those that this browser was shown.
         """
@@ -253,10 +253,10 @@ class Desk:
         self.refresh()
 
     def undo(self, queue: Queue, holder: Holder) -> tuple[str, Record] | None:
-        """Take back this person's newest decision and hold its card; None if there is none.
+        """Take back this person's newest decision and claim its card; None if there is none.
 
         Raises:
-            BuildError: It cannot be kept.
+            BuildError: It cannot be stored.
         """
         self.refresh()
         mine = [
@@ -278,7 +278,7 @@ class Desk:
         return card, own
 
     def progress(self, queue: Queue, reviewer: str) -> Progress:
-        """How far a queue is, seen by one person."""
+        """Return the progress of a queue for one person."""
         self.refresh()
         cards = self.cards(queue)
         waiting = [card for card in cards if self.seats(queue, card)]
@@ -293,12 +293,12 @@ class Desk:
         )
 
     def _show(self, queue: Queue, holder: Holder, cards: Iterable[str]) -> None:
-        """Remember which pictures a browser gets to see: a decision is about these alone."""
+        """Remember which pictures a browser is shown: its decision is about these alone."""
         for card in cards:
             self._shown[holder.browser, queue, card] = self.candidates[card].pictures
 
     def _take(self, queue: Queue, sample_id: str, holder: Holder) -> bool:
-        """Hold one card, if nobody else has the last seat."""
+        """Claim one card, if nobody else has the last seat."""
 
         def offered(held: dict[str, list[Holder]]) -> Iterator[str]:
             others = [one for one in held.get(sample_id, []) if one.browser != holder.browser]
@@ -310,7 +310,7 @@ class Desk:
         return bool(self.leases.claim(queue, holder, 1, offered))
 
     def _is_accepted(self, sample_id: str) -> bool:
-        """Whether the edit is good enough, by what people have said up to now."""
+        """Whether the edit is good enough, by people's decisions so far."""
         words = self.standing("inspect", sample_id)
         newest = Inspected.model_validate(words[-1].value, strict=False) if words else None
         return self.candidates[sample_id].accepted_after(newest)

@@ -1,4 +1,4 @@
-"""Who may see the page: one-time addresses, and sessions of signed-in reviewers."""
+"""Access to the page: one-time addresses, and sessions of signed-in reviewers."""
 
 import secrets
 from collections.abc import Callable
@@ -7,10 +7,10 @@ from exceptiondrive_build.review_page.leases import Holder
 
 
 class Doors:
-    """Keys of one process; none outlives it, and none is written anywhere."""
+    """Keys of one process; they end with it, and are never written to disk."""
 
     def __init__(self, announce: Callable[[str], None]) -> None:
-        """Make the first key, which is announced in the organizer's terminal, as each that follows it."""
+        """Create the first key; it and each later one are announced in the organizer's terminal."""
         self._announce = announce
         self._unused: set[str] = set()
         self._sessions: dict[str, Holder] = {}
@@ -18,7 +18,7 @@ class Doors:
         self._announce_next()
 
     def new_key(self) -> str:
-        """Make a key that opens the page once."""
+        """Create a key that opens the page once."""
         key = secrets.token_urlsafe(24)
         self._unused.add(key)
         return key
@@ -28,7 +28,7 @@ class Doors:
         self._announce(self._announced)
 
     def open(self, key: str) -> str | None:
-        """Spend a key for a session, None if it is spent; for one that was announced follows the next."""
+        """Exchange a key for a session; None if it is spent. An announced key gets a successor."""
         if key not in self._unused:
             return None
         self._unused.remove(key)
@@ -39,11 +39,11 @@ class Doors:
         return session
 
     def holder(self, session: str | None) -> Holder | None:
-        """Whose session it is; the name is empty before signing in."""
+        """Return the holder of a session; the name is empty before signing in."""
         return None if session is None else self._sessions.get(session)
 
     def sign_in(self, session: str, name: str) -> None:
-        """Give a session a name; it is a new browser, so leases of an earlier name run out."""
+        """Give a session a name; it becomes a new browser, so leases of an earlier name expire."""
         self._sessions[session] = Holder(secrets.token_hex(8), name)
 
     def sign_out(self, session: str) -> None:

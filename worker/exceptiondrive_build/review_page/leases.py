@@ -1,7 +1,7 @@
-"""Who holds which card: claims for a time, in the records' database.
+"""Leases: which browser holds which card, for a limited time, in the records' database.
 
-A browser renews its leases while it is open. One that dies stops; when the time is over, its cards
-go to whoever asks next.
+A browser renews its leases while it is open. If it dies, its leases expire, and its cards go to the
+next one that asks.
 """
 
 from collections import defaultdict
@@ -25,19 +25,19 @@ CREATE TABLE IF NOT EXISTS leases (
 
 
 class Holder(NamedTuple):
-    """A browser, and who is signed in with it."""
+    """A browser, and the person signed in with it."""
 
     browser: str
     reviewer: str
 
 
 class Leases(Database):
-    """The table."""
+    """The table of leases."""
 
     tables = _TABLE
 
     def __init__(self, path: Path, lease_s: float) -> None:
-        """Open it in the records' file; a card is held for `lease_s` without a sign of its browser.
+        """Open the table in the records' file; a lease lasts `lease_s` unless renewed.
 
         Raises:
             BuildError: The file cannot be written.
@@ -52,9 +52,9 @@ class Leases(Database):
         count: int,
         offered: Callable[[dict[str, list[Holder]]], Iterator[str]],
     ) -> list[str]:
-        """Take cards that nobody holds, and return them.
+        """Claim cards that nobody holds, and return them.
 
-        `offered` gives cards, the first to take first, from who holds which now.
+        `offered` maps the present holders to cards, in the order in which to claim them.
 
         Raises:
             BuildError: The file cannot be written.
@@ -79,7 +79,7 @@ class Leases(Database):
         return taken
 
     def renew(self, holder: Holder) -> None:
-        """Hold all cards of a browser for longer; what is over stays over."""
+        """Renew all leases of a browser; expired ones stay expired."""
         now = time()
         with self._transaction() as write:
             write.execute(
@@ -98,7 +98,7 @@ class Leases(Database):
         return found is not None
 
     def give_back(self, holder: Holder, queue: str | None = None, candidate: str = "") -> None:
-        """Give one card back, or all that a browser holds."""
+        """Release one card, or all that a browser holds."""
         with self._transaction() as write:
             if queue is None:
                 write.execute("DELETE FROM leases WHERE browser = ?", (holder.browser,))

@@ -1,4 +1,4 @@
-"""What a region under a reader's hand comes to, by the geometry that scores it."""
+"""Measurements of a region while a reader edits it, by the geometry that scores it."""
 
 from typing import Any
 
@@ -21,7 +21,7 @@ from exceptiondrive_scoring.region import (
 
 
 def region_faults(corners: Corners | None, protocol: ProtocolDocument) -> tuple[str, ...]:
-    """Why a split with this region would be refused (docs/protocol.md section 2), in words."""
+    """Return, in words, why a split with this region is refused (docs/protocol.md section 2)."""
     geometry = protocol.geometry
     if corners is None:
         return ("it has no corners",)
@@ -43,7 +43,7 @@ def region_faults(corners: Corners | None, protocol: ProtocolDocument) -> tuple[
 def measured(
     corners: Corners, path: tuple[Waypoint, ...] | None, protocol: ProtocolDocument
 ) -> dict[str, Any]:
-    """Area and clearance of the recorded drive, None where they are not known, and faults of a region."""
+    """Return a region's area, clearance from the recorded drive (None if unknown), and faults."""
     area_m2 = drive_m = None
     points = np.array([corners])
     if not is_far(points, protocol.geometry)[0] and not crosses_itself(points)[0]:
@@ -65,7 +65,7 @@ def tube_m(path: tuple[Waypoint, ...], protocol: ProtocolDocument) -> list[list[
 
 
 def start_footprint_m(protocol: ProtocolDocument) -> list[list[float]]:
-    """The car where it stands."""
+    """Return the footprint of the car at its start."""
     corners: list[list[float]] = footprints_m(np.zeros((1, 1, 2)), protocol.geometry)[0, 0].tolist()
     return corners
 

@@ -1,1 +1,1 @@
-"""Scenes in: keyframes with their camera views, whatever data set they come from."""
+"""Importing scenes: keyframes with their camera views, from any data set."""

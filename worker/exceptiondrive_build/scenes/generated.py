@@ -1,8 +1,8 @@
-"""A made-up set in nuScenes form: a flat road, seen by six cameras that are true to it.
+"""A synthetic set in nuScenes form: a flat road, seen by six cameras with exact calibration.
 
-Every pixel is the colour of the ground point that its ray meets, so a point on the road stands in
-each picture exactly where the tables say. Painted marks, listed in `marks.json`, show that. The same
-seed gives the same bytes. Calibration and shutter times are about those of a nuScenes car.
+Every pixel is the colour of the ground point that its ray meets, so a point on the road is in each
+picture exactly where the tables say. Painted marks, listed in `marks.json`, show that. The same
+seed gives the same bytes. Calibration and shutter times are close to those of a nuScenes car.
 """
 
 import hashlib
@@ -88,7 +88,7 @@ class Drive:
 
 
 class _View:
-    """What each pixel of a camera looks at: a point of the ground, or the sky."""
+    """What each pixel of a camera sees: a point of the ground, or the sky."""
 
     def __init__(self, channel: str, width: int) -> None:
         yaw_degrees, focal_px, x, y, z, self.shutter_ms = RIG[channel]
@@ -146,7 +146,7 @@ def ground_colours(drive: Drive, at_m: FloatArray) -> FloatArray:
 
 
 def _ground_grain(at_m: FloatArray) -> FloatArray:
-    """Fixed unevenness of the ground, a quarter of a metre in size."""
+    """Fixed texture of the ground, a quarter of a metre in size."""
     x, y = np.floor(at_m.T * 4).astype(np.int64)
     mixed = (x * 73_856_093) ^ (y * 19_349_663)
     mixed = (mixed ^ (mixed >> 13)) * 1_274_126_177
@@ -171,7 +171,7 @@ def _quaternion_product(p: FloatArray, q: FloatArray) -> FloatArray:
 def make_scenes(
     folder: Path, *, n_scenes: int = 3, n_samples: int = 8, seed: int = 0, width_px: int = 480
 ) -> None:
-    """Write tables and pictures of a made-up set: keyframes 0.5 s apart, pictures of 16 : 9.
+    """Write tables and pictures of a synthetic set: keyframes 0.5 s apart, pictures of 16 : 9.
 
     The first `n_samples - 6` keyframes of each scene have a recorded path.
     """

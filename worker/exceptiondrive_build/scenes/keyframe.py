@@ -1,4 +1,4 @@
-"""One keyframe: its camera views with calibration, and the path that was really driven.
+"""One keyframe: its camera views with calibration, and the path that was actually driven.
 
 The ego frame is that of every trajectory (docs/protocol.md section 1): x forward, y left, metres,
 the origin on the ground below the centre of the rear axle, at the time of the keyframe.
@@ -16,7 +16,7 @@ from exceptiondrive_schemas.base import Document, faults_in
 from exceptiondrive_schemas.submission_files import Waypoint
 
 FARTHEST = 1e9
-"""Pixels or metres: beyond any picture and any map."""
+"""Bound in pixels or metres: beyond any picture and any map."""
 MAX_ROTATION_ERROR = 1e-3
 Number = Annotated[float, Field(ge=-FARTHEST, le=FARTHEST)]
 Row = tuple[Number, Number, Number]
@@ -55,14 +55,14 @@ class Camera(Document):
 
     Attributes:
         view: Its name, such as `CAM_FRONT`.
-        image: Name of the picture in the workshop's `images` folder: `<sha256>.<ext>`; in a set that
-            is to be read in, its path from the folder of the set.
+        image: Name of the picture in the workshop's `images` folder: `<sha256>.<ext>`; in a set to
+            be imported, its path relative to the folder of the set.
         width_px: Width of the picture.
         height_px: Height of the picture.
         intrinsic: 3 x 3 matrix, pixels; (0, 0) is the centre of the first one.
-        camera_from_ego: 3 x 4 matrix, metres. Takes (x, y, z, 1) of the keyframe's ego frame to the
-            frame of the camera at its shutter time: x right, y down, z ahead. What the car drives
-            between the two is in it.
+        camera_from_ego: 3 x 4 matrix, metres. Maps (x, y, z, 1) of the keyframe's ego frame to the
+            frame of the camera at its shutter time: x right, y down, z ahead. It includes the car's
+            motion between the two.
     """
 
     view: Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]{1,64}$")]
@@ -78,15 +78,15 @@ class Keyframe(Document):
 
     Attributes:
         keyframe_id: Its id in the data set, such as a nuScenes sample token.
-        scene_id: The scene that it is of.
+        scene_id: The scene that it belongs to.
         scene: Name of the scene, for people.
         location: Where it was recorded.
         timestamp_us: Unix time, microseconds.
-        description: Words about the scene, for the screening model.
+        description: Text about the scene, for the screening model.
         cameras: Views in the order in which a model sees them.
         ego_translation_m: Place of the ego frame in the data set's global frame.
         ego_rotation: Unit quaternion (w, x, y, z) that turns ego into global axes.
-        recorded: The path driven from here, T waypoints in the ego frame, where it is known.
+        recorded: The path driven from here, T waypoints in the ego frame, if known.
     """
 
     keyframe_id: Annotated[str, Field(min_length=1, max_length=128)]
@@ -113,10 +113,10 @@ class Keyframe(Document):
 
 
 def read_keyframes(path: Path, lines: bytes, advice: str = "") -> dict[str, Keyframe]:
-    """Return the keyframes of a file by id, in its order: a line is the JSON of each; `advice` is how to mend it.
+    """Return the keyframes of JSON lines by id, in order; `advice` says how to repair a bad file.
 
     Raises:
-        BuildError: A line is no keyframe, or an id stands twice.
+        BuildError: A line is no keyframe, or an id occurs twice.
     """
     found: dict[str, Keyframe] = {}
     for number, line in enumerate(lines.splitlines(), start=1):

@@ -1,15 +1,15 @@
 """Keyframes from the tables of nuScenes v1.0, read with pandas.
 
-What the tables mean is taken from the page "nuScenes schema" of nutonomy/nuscenes-devkit:
+The meaning of the tables is taken from the page "nuScenes schema" of nutonomy/nuscenes-devkit:
 
 - Rotations are quaternions (w, x, y, z), lengths metres, times microseconds. `calibrated_sensor`
-  stands in the ego vehicle's frame, `ego_pose` in the map's; the pictures are undistorted.
-- Each `sample_data` has an ego pose of its own, for a camera's shutter opens when the lidar sweeps
+  is in the ego vehicle's frame, `ego_pose` in the map's; the pictures are undistorted.
+- Each `sample_data` has its own ego pose, because a camera's shutter opens when the lidar sweeps
   across it. A point of the keyframe goes from its ego frame to the map, from there to the ego frame
   at the shutter time, then to the camera (`map_pointcloud_to_image` of the devkit, and the thread
-  on it there).
-- The ego pose of a keyframe is that of `LIDAR_TOP`, whose time is the sample's: so do planners that
-  are trained on nuScenes. The recorded path is where the next six samples stand.
+  about it there).
+- The ego pose of a keyframe is that of `LIDAR_TOP`, whose time is the sample's, as for planners
+  trained on nuScenes. The recorded path consists of the positions at the next six samples.
 """
 
 import json
@@ -37,7 +37,7 @@ CAMERAS = (
     "CAM_BACK",
     "CAM_BACK_RIGHT",
 )
-"""As they stand around the car: in front, then behind, from the left."""
+"""Cameras by position: in front, then behind, from the left."""
 LIDAR = "LIDAR_TOP"
 N_WAYPOINTS = 6
 TIME_STEP_S = 0.5
@@ -55,9 +55,9 @@ COLUMNS: Mapping[str, tuple[str, ...]] = {
 }
 TEXTS = ("name", "description", "filename", "channel", "location")
 LARGE = ("sample_data", "ego_pose")
-"""Tables of millions of rows, of which keyframes need few: read one after the other."""
+"""Tables of millions of rows, of which few are needed: they are read one after the other."""
 MAX_TIME_ERROR_S = 0.2
-"""How far a sample may be from its 0.5 s; a keyframe before a longer gap has no recorded path."""
+"""Tolerance of the 0.5 s between samples; a keyframe before a longer gap has no recorded path."""
 Row = Mapping[Hashable, Any]
 Table = Mapping[str, Row]
 
@@ -65,10 +65,10 @@ Table = Mapping[str, Row]
 def read_nuscenes(folder: Path, version: str | None = None) -> SceneSet:
     """Read every keyframe that has a recorded path of 3 s.
 
-    `version` names the folder of tables beside `samples/`; None takes the one that there is.
+    `version` names the folder of tables beside `samples/`; None takes the only one.
 
     Raises:
-        BuildError: No tables, or of another version; a row, a camera or a picture is missing.
+        BuildError: There are no tables, or of another version; a row, camera or picture is missing.
     """
     tables = folder / (version or _only_version(folder))
     frames = {name: _read_table(tables, name) for name in COLUMNS if name not in LARGE}
@@ -141,7 +141,7 @@ def _read_table(tables: Path, name: str) -> pd.DataFrame:
 
 
 def _refuse_other(frame: pd.DataFrame, column: str, path: Path, kind: str, words: str) -> None:
-    """Refuse a table in which a value of a column is of another kind than it has to be."""
+    """Refuse a table in which a value of a column has the wrong type."""
     if frame[column].isna().any() or infer_dtype(frame[column], skipna=False) != kind:
         is_kind = [infer_dtype([value], skipna=False) == kind for value in frame[column]]
         number = is_kind.index(False)
@@ -155,14 +155,14 @@ def _by_token(frame: pd.DataFrame) -> Table:
 
 
 def _channels(frames: Mapping[str, pd.DataFrame]) -> "pd.Series[str]":
-    """Channel of each calibrated sensor, by its token."""
+    """Return the channel of each calibrated sensor, by its token."""
     names = frames["sensor"].set_index("token")["channel"]
     sensors = frames["calibrated_sensor"].set_index("token")["sensor_token"]
     return sensors.map(names)
 
 
 class _Reader:
-    """Looks rows up, and says which table lacks one."""
+    """Looks rows up, and reports which table lacks one."""
 
     def __init__(self, folder: Path, tables: Mapping[str, Table]) -> None:
         self.folder = folder
@@ -180,7 +180,7 @@ class _Reader:
         samples: Sequence[Row],
         readings: Mapping[str, Mapping[str, Row]],
     ) -> list[Keyframe]:
-        """Keyframes of one scene whose recorded path is whole."""
+        """Return the keyframes of one scene that have a complete recorded path."""
         scene = self.row("scene", scene_token)
         for sample in samples:
             for channel in (*CAMERAS, LIDAR):
@@ -230,7 +230,7 @@ class _Reader:
             raise BuildError(f"sample {sample['token']} in {self.folder}: {faults}") from None
 
     def camera(self, channel: str, reading: Row, map_from_ego: FloatArray) -> Camera:
-        """Calibration from the ego frame of the keyframe, not of the shutter time."""
+        """Return calibration relative to the ego frame of the keyframe, not of the shutter time."""
         sensor_token = reading["calibrated_sensor_token"]
         map_from_camera = self.pose("ego_pose", reading["ego_pose_token"]) @ self.pose(
             "calibrated_sensor", sensor_token
@@ -261,7 +261,7 @@ class _Reader:
             raise BuildError(f"{where}: {channel}: {'; '.join(faults_in(error))}") from None
 
     def pose(self, table: str, token: str) -> FloatArray:
-        """(4, 4) from the frame of a row to the frame that it is given in."""
+        """Return the (4, 4) matrix from the frame of a row to the frame that it is given in."""
         row = self.row(table, token)
         quaternion = _numbers(row["rotation"], (4,))
         translation = _numbers(row["translation"], (3,))
@@ -278,7 +278,7 @@ class _Reader:
 
 
 def rigid(rotation_wxyz: FloatArray, translation_m: FloatArray) -> FloatArray:
-    """(4, 4) matrix of a rotation, then a translation."""
+    """Return the (4, 4) matrix of a rotation, then a translation."""
     w, x, y, z = rotation_wxyz / np.linalg.norm(rotation_wxyz)
     matrix = np.eye(4)
     matrix[:3, :3] = [
@@ -291,7 +291,7 @@ def rigid(rotation_wxyz: FloatArray, translation_m: FloatArray) -> FloatArray:
 
 
 def _numbers(value: Any, shape: tuple[int, ...]) -> FloatArray | None:
-    """Numbers of this shape that lead somewhere; None where the value is something else."""
+    """Return finite numbers of this shape; None if the value is anything else."""
     try:
         found = np.array(value, dtype=np.float64)
     except (TypeError, ValueError):

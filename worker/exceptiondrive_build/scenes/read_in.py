@@ -1,4 +1,4 @@
-"""Scenes from what an organizer has (nuScenes, or `scenes.jsonl`, one line a keyframe) into a workshop."""
+"""Imports scenes (nuScenes, or `scenes.jsonl`, one line a keyframe) into a workshop."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -23,18 +23,18 @@ def read_in(
     version: str | None = None,
     replace: bool = False,
 ) -> tuple[tuple[Keyframe, ...], int, int]:
-    """Read scenes into a workshop, in the place of those that stand in it.
+    """Read scenes into a workshop, replacing those in it.
 
-    What was decided of a keyframe stands as long as its pictures are the same. No keyframe of the
-    workshop changes unless every picture can be read. Keyframes of which something was decided go
-    where `replace` says so.
+    Decisions about a keyframe stay valid as long as its pictures are the same. No keyframe of the
+    workshop changes unless every picture can be read. Keyframes with decisions are removed only
+    with `replace`.
 
     Returns:
-        The keyframes that stand in it now; how many more the source has; and how many stood in it
-        before, and are gone or have other pictures now: 0 where `replace` says that nobody minds.
+        The keyframes in the workshop now; how many more the source has; and how many former ones
+        are gone or have other pictures now (0 with `replace`).
 
     Raises:
-        BuildError: What is wrong with the scenes, and where; or decided keyframes would go.
+        BuildError: What is wrong with the scenes, and where; or keyframes with decisions would go.
     """
     given = read_scenes(source, version)
     scenes = given.spread(per_scene)
@@ -52,10 +52,10 @@ def read_in(
 
 
 def _count_gone(folder: Path, kept: Sequence[Keyframe]) -> int:
-    """How many keyframes of a workshop go.
+    """Return how many keyframes of a workshop are removed.
 
     Raises:
-        BuildError: Something was decided of one of them.
+        BuildError: One of them has decisions.
     """
     with Workshop(folder) as workshop:
         stays = {(keyframe.keyframe_id, _pictures(keyframe)) for keyframe in kept}
@@ -106,7 +106,7 @@ def _keep_keyframe(workshop: Workshop, scenes: SceneSet, keyframe: Keyframe) -> 
 
 
 def read_scenes(source: Path, version: str | None = None) -> SceneSet:
-    """Read keyframes: of a folder in nuScenes form, or of lines, each the JSON of a `Keyframe`.
+    """Read keyframes from a folder in nuScenes form, or from lines of JSON, each a `Keyframe`.
 
     Raises:
         BuildError: What is wrong, and where.
@@ -136,6 +136,6 @@ def _read_lines(source: Path) -> SceneSet:
 
 
 def write_scenes(scenes: SceneSet, path: Path) -> None:
-    """Write `scenes.jsonl` into the folder of the pictures, whose names are relative to it."""
+    """Write `scenes.jsonl` into the folder of the pictures, which it names by relative path."""
     text = "".join(f"{keyframe.model_dump_json()}\n" for keyframe in scenes.keyframes)
     path.write_text(text, encoding="utf-8")

@@ -1,4 +1,4 @@
-"""A set of keyframes and the folder that their pictures stand in."""
+"""A set of keyframes and the folder of their pictures."""
 
 from collections import defaultdict
 from dataclasses import dataclass
@@ -12,13 +12,13 @@ from exceptiondrive_endpoints.images import ImageDataError, clean_image
 
 @dataclass(frozen=True)
 class SceneSet:
-    """Keyframes in the order of scene and time, with pictures relative to a folder."""
+    """Keyframes ordered by scene and time, with pictures relative to a folder."""
 
     folder: Path
     keyframes: tuple[Keyframe, ...]
 
     def spread(self, per_scene: int) -> "SceneSet":
-        """Return as many keyframes of each scene, spread evenly; of one, that in the middle."""
+        """Return `per_scene` keyframes of each scene, spread evenly; a single one is the middle."""
         of_scene: dict[str, list[Keyframe]] = defaultdict(list)
         for keyframe in self.keyframes:
             of_scene[keyframe.scene_id].append(keyframe)
@@ -30,21 +30,21 @@ class SceneSet:
         return SceneSet(self.folder, tuple(chosen))
 
     def path(self, camera: Camera) -> Path:
-        """Return where the picture of a camera stands."""
+        """Return the path of a camera's picture."""
         return self.folder / camera.image
 
     def place(self, keyframe: Keyframe, camera: Camera) -> str:
-        """Return file, camera, keyframe and scene in words."""
+        """Name file, camera, keyframe and scene in words."""
         return (
             f"{self.path(camera)} ({camera.view} of keyframe {keyframe.keyframe_id}, "
             f"scene {keyframe.scene or keyframe.scene_id})"
         )
 
     def picture(self, keyframe: Keyframe, camera: Camera) -> tuple[bytes, str]:
-        """Return the file of a source view and its extension, once it is sure that it can be shown.
+        """Return the bytes and the extension of a source view, after checking that it can be shown.
 
         Raises:
-            BuildError: It is missing, no JPEG and no PNG, or of another size than the calibration's.
+            BuildError: It is missing, neither JPEG nor PNG, or of another size than calibrated.
         """
         where = self.place(keyframe, camera)
         try:
