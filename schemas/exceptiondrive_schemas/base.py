@@ -1,6 +1,6 @@
-"""The one model base, canonical JSON, and content digests. Readers forgive, writers don't.
+"""The one model base, canonical JSON, and content digests. Readers are lenient, writers strict.
 
-Anything that is kept, compared or signed is identified by the SHA-256 of its canonical JSON:
+Everything that is stored, compared or signed is identified by the SHA-256 of its canonical JSON:
 sorted keys, no blanks, UTF-8, shortest round-trip floats, never NaN or infinity.
 """
 
@@ -27,7 +27,7 @@ _Read = TypeVar("_Read")
 
 
 class _Bare(str):
-    """A text that stands in a representation without quotes."""
+    """A text that is represented without quotes."""
 
     def __repr__(self) -> str:
         return str(self)
@@ -44,7 +44,7 @@ class Document(BaseModel):
     """Whether scores follow from it: then every word and number of an answer has to be known here."""
 
     def __repr_args__(self) -> Iterator[tuple[str, Any]]:
-        """Yield what stands in the short form: what is not as by default, long values counted or cut."""
+        """Yield the parts of the short form: non-default values, long ones counted or cut."""
         for name, value in self:
             field = type(self).model_fields.get(name)
             if (
@@ -61,14 +61,14 @@ class Document(BaseModel):
 
     @classmethod
     def read(cls, answer: str | bytes) -> Self:
-        """Read what the server says or keeps, which may be newer: what is not known here is passed over.
+        """Read an answer or a stored document of a server that may be newer; ignore unknown fields.
 
-        A word that is none of the known ones stands as it is, and so does a number out of bounds.
-        Files from participants and organizers are read by `model_validate_json`, which is strict.
-        Validators that ask for known names look for `FORGIVING` in their context.
+        Unknown words and numbers out of bounds are kept as they are. Files from participants and
+        organizers are read by `model_validate_json`, which is strict. Validators that require known
+        names look for `FORGIVING` in their context.
 
         Raises:
-            ValidationError: What is known here is missing, or of another type.
+            ValidationError: A known field is missing, or of another type.
         """
         try:
             return cls.model_validate_json(answer)
@@ -77,7 +77,7 @@ class Document(BaseModel):
 
     @classmethod
     def read_all(cls, answer: str | bytes) -> tuple[Self, ...]:
-        """Read a list of them, as `read` does one."""
+        """Read a list of them, each like `read`."""
         many: TypeAdapter[tuple[Self, ...]] = TypeAdapter(tuple[cls, ...])  # type: ignore[valid-type]
         return cls._read(many, answer)
 
@@ -87,7 +87,7 @@ class Document(BaseModel):
         return read(answer) if cls.decides_scores else read_newer(read, answer)
 
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
-        """Return a copy; what was derived from the fields once is derived anew from the copy's."""
+        """Return a copy; cached properties are computed again from the copy's fields."""
         copied = super().model_copy(update=update, deep=deep)
         for name in copied.__dict__.keys() - type(self).model_fields.keys():
             del copied.__dict__[name]
@@ -95,7 +95,7 @@ class Document(BaseModel):
 
 
 def faults_in(error: ValidationError) -> list[str]:
-    """Say each fault of a document with its place: `samples.0.task: Field required`; no value of it."""
+    """Return each fault with its place, without values: `samples.0.task: Field required`."""
     found = error.errors(include_url=False, include_input=False, include_context=False)
     places = (".".join(map(str, each["loc"])) for each in found)
     words = (fault_words(each["msg"]) for each in found)
@@ -103,7 +103,7 @@ def faults_in(error: ValidationError) -> list[str]:
 
 
 def fault_words(said: str) -> str:
-    """Return what pydantic says of a value, in our words where people meet it often."""
+    """Return pydantic's message, with our own words for frequent ones."""
     said = said.removeprefix("Value error, ")
     return _OUR_WORDS.get(said, said)
 
@@ -117,11 +117,11 @@ _OUR_WORDS = {
     "Input should be a valid list": "must be a list",
     "List should have at least 1 item after validation, not 0": "must hold at least one",
 }
-"""For what speaks of Python to people who send JSON, and what is met often."""
+"""Replacements for frequent messages that use terms of Python, for people who send JSON."""
 
 
 def in_words(words: str) -> WrapValidator:
-    """Return what stands after a type, and says in these words that a value is none of it."""
+    """Return an annotation for a type that reports invalid values with these words."""
 
     def read_or_say(value: Any, read: ValidatorFunctionWrapHandler) -> Any:
         try:
@@ -133,7 +133,7 @@ def in_words(words: str) -> WrapValidator:
 
 
 def canonical_json(value: Any) -> bytes:
-    """Return the one byte string that stands for a JSON value, or for a `Document`.
+    """Return the canonical byte string of a JSON value, or of a `Document`.
 
     Raises:
         ValueError: A number is NaN or infinite.
@@ -157,7 +157,7 @@ def bytes_digest(data: bytes) -> str:
 
 
 def pieces_digest(pieces: Iterable[bytes]) -> str:
-    """Return `sha256:` and the hex digest of bytes that come in pieces."""
+    """Return `sha256:` and the hex digest of bytes given in pieces."""
     digest = hashlib.sha256()
     for piece in pieces:
         digest.update(piece)

@@ -97,12 +97,12 @@ class BoardEntry(Document):
 
     @property
     def may_lead(self) -> bool:
-        """Whether it may be named as the best where it is: ranked, without a flag that bars that."""
+        """Whether it may be named as the best here: ranked, without a flag that bars leading."""
         barred = self.flags and bars_leading(flag.code for flag in self.flags)
         return self.rank is not None and not barred
 
     def has_fine_intervals(self, challenge: str) -> bool:
-        """Whether one of a share has an end that is no whole per cent; of families where it has none itself."""
+        """Whether a share's interval (a family's if it has none) has an end that is no whole per cent."""
         rows = [self] if any(self.intervals.values()) else self.families.values()
         found = (
             row.intervals.get(metric.key)
@@ -201,14 +201,14 @@ class Board(Document):
 
     @cached_property
     def has_fine_intervals(self) -> bool:
-        """Whether an interval of a share is told finer than to whole per cents: of a withheld split none is."""
+        """Whether an interval of a share is finer than whole per cents, as on no withheld split."""
         return any(entry.has_fine_intervals(self.challenge) for entry in self.entries)
 
     @cached_property
     def leader(self) -> BoardEntry | None:
-        """The best ranked entry that may be named as the best; None where no entry may.
+        """The best ranked entry that may be named as the best; None if there is none.
 
-        Equal ranks: the one that stands first.
+        Of equal ranks, the first one listed.
         """
         fit = (entry for entry in self.entries if entry.may_lead)
         return min(fit, key=lambda entry: entry.rank or 0, default=None)
@@ -216,9 +216,9 @@ class Board(Document):
     def contenders(self, first: RankKey, place: int = 1) -> tuple[BoardEntry, ...]:
         """Return the entries whose rank intervals reach a place, the best first.
 
-        Left out is whom a comparison puts behind the leader in the metric that ranks first: on a
-        withheld split rank intervals are wider than that. So is who is not compared with the leader and
-        ranks below one of those.
+        Entries that a comparison puts behind the leader in the metric that ranks first are left
+        out: on a withheld split rank intervals are wider than that. So are entries without a
+        comparison with the leader that rank below one of those.
         """
         sign = 1 if first.order == "descending" else -1
         leader = self.leader.submission_id if self.leader else None
@@ -253,18 +253,18 @@ class Board(Document):
 
     @cached_property
     def content_digest(self) -> str:
-        """Digest of what the board says, whatever its number and date."""
+        """Digest of the content, independent of number and date."""
         return pieces_digest(self.canonical_pieces("board", "published_at"))
 
     def canonical_pieces(self, *left_out: str) -> Iterator[bytes]:
         """Yield the canonical JSON of the board, without some fields, entry by entry.
 
-        All at once, it is many times as long.
+        Building it at once would take many times its size in memory.
         """
         frame = self.model_copy(update={"entries": ()}).model_dump(mode="json", by_alias=True)
         for name in left_out:
             del frame[name]
-        # no text holds these bytes: its quotes are escaped
+        # no text contains these bytes: its quotes are escaped
         before, _, after = canonical_json(frame).partition(b'"entries":[]')
         yield before + b'"entries":['
         for number, entry in enumerate(self.entries):

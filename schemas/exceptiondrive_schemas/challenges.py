@@ -1,9 +1,9 @@
-"""The challenges as data: which file they take, which metrics they give, what ranks.
+"""The challenges as data: their submission files, their metrics, their rank order.
 
-A challenge differs from its siblings in two registrations: its metrics and words, with how its file
-is checked (`exceptiondrive_schemas.check.rules`), and how it is measured and graded
+A challenge differs from others in two registrations: its metrics and texts, with the check of its
+file (`exceptiondrive_schemas.check.rules`), and its measurement and grading
 (`exceptiondrive_scoring.challenge`, which the server never imports).
-Upload, jobs, records, rescoring, boards and pages are the same code.
+Upload, jobs, records, rescoring, boards and pages share the same code.
 """
 
 from collections.abc import Iterable
@@ -224,8 +224,8 @@ with StrategyRecorder(output, split=split, manifest=manifest) as recorder:
 
 
 ChallengeId = NewType("ChallengeId", str)
-"""Identifier of a challenge: the key of its registration. No enumeration, because challenges can be
-added; a reader of answers takes one that it does not know."""
+"""Identifier of a challenge: the key of its registration. It is no enumeration, because challenges
+can be added; readers of answers accept unknown ones."""
 
 
 class UnknownChallengeError(KeyError):
@@ -283,7 +283,7 @@ class Metric(Document):
 
     @property
     def order_level(self) -> float | None:
-        """Which order statistic of the samples it is, 0 for the minimum; None where it is a mean."""
+        """The order statistic of the samples, 0 for the minimum; None for a mean."""
         return 0.0 if self.aggregation == "minimum" else self.level
 
 
@@ -362,7 +362,7 @@ _SOURCE_L2 = (
 )
 _share = partial(Metric, unit="fraction", aggregation="share")
 _outcome = partial(_share, shown="details", cells="of public regions")
-"""Of what became of the samples: a part of the bar (`ChallengeWords.outcome`)."""
+"""A share of samples by outcome: a part of the bar (`ChallengeWords.outcome`)."""
 
 PLANNING = Challenge(
     id=ChallengeId("planning"),
@@ -566,10 +566,10 @@ Registered = TypeVar("Registered")
 
 
 class Registry(dict[ChallengeId, Registered]):
-    """One thing for each challenge; looking up a challenge that is not there says which are."""
+    """One value for each challenge; a failed lookup names the challenges that exist."""
 
     def register(self, challenge_id: ChallengeId, thing: Registered) -> None:
-        """Add the thing of a challenge.
+        """Add the value of a challenge.
 
         Raises:
             ValueError: The challenge has one.
@@ -586,7 +586,7 @@ class Registry(dict[ChallengeId, Registered]):
 
 
 CHALLENGES: Registry[Challenge] = Registry()
-"""Filled by `exceptiondrive_schemas.check.rules`, which every import of this package runs."""
+"""Filled by `exceptiondrive_schemas.check.rules`, which importing this package runs."""
 
 
 def challenge_of_file(file_schema: str) -> Challenge | None:
@@ -595,7 +595,7 @@ def challenge_of_file(file_schema: str) -> Challenge | None:
 
 
 class _Known:
-    """Asks for a registered challenge, and lists them in JSON Schemas."""
+    """Requires a registered challenge, and lists them in JSON Schemas."""
 
     def __get_pydantic_core_schema__(
         self, source: Any, handler: GetCoreSchemaHandler
@@ -615,4 +615,4 @@ def _known_challenge(challenge_id: str) -> ChallengeId:
 
 
 KnownChallenge = Annotated[ChallengeId, _Known()]
-"""A challenge as a request names it."""
+"""A challenge as named in a request."""

@@ -1,4 +1,4 @@
-"""Why an entry takes no rank, in words: told before an upload, by `evaluate` and on the board."""
+"""Why an entry is not ranked, in words: shown before an upload, by `evaluate` and on the board."""
 
 from collections.abc import Mapping
 
@@ -10,13 +10,13 @@ from exceptiondrive_schemas.score_sheet import ScoreSheet
 
 
 def unranked_flags(sheet: ScoreSheet, protocol: ProtocolDocument) -> tuple[str, ...]:
-    """Return the codes of the flags for which an entry takes no rank, in the protocol's order."""
+    """Return the codes of the flags that keep an entry from ranking, in the protocol's order."""
     raised = {flag.code for flag in sheet.plausibility.flags}
     return tuple(code for code in protocol.ranking.unranked_flags if code in raised)
 
 
 def unranked_reasons(sheet: ScoreSheet, protocol: ProtocolDocument) -> tuple[str, ...]:
-    """Say for which flags, and for which answers that are missing, a sheet takes no rank."""
+    """Return the flags and the missing answers that keep a sheet from ranking, as sentences."""
     reasons = []
     if codes := unranked_flags(sheet, protocol):
         *first, last = (FLAGS[code].label for code in codes)
@@ -35,9 +35,9 @@ def unranked_reasons(sheet: ScoreSheet, protocol: ProtocolDocument) -> tuple[str
 def too_little_covered(
     covered: Mapping[str, str], shares: Mapping[str, float], least: float
 ) -> str | None:
-    """Say which answers cover too few of the samples to be ranked; None where enough are given.
+    """Say which answers cover too few of the samples to be ranked; None if there are enough.
 
-    `shares` are those of the samples that have an answer, by its key, and `covered` says of what.
+    `shares` are the shares of samples with an answer, by its key; `covered` describes each key.
     """
     parts = [
         f"{share_past(share, least, 2)} of the {covered[key]}"

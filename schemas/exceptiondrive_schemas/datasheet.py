@@ -1,8 +1,8 @@
-"""The datasheet of a split: what anyone may know of how it was made. No region, no sample's task.
+"""The datasheet of a split: public facts about how it was made. No region, no sample's task.
 
 The workshop writes it when a split is frozen; the worker takes it along when the split is
-registered; the page of the split shows it, with the worker's own warnings. Made of counts over decisions, and of
-the organizers' own words.
+registered; the page of the split shows it, with the worker's own warnings. It consists of counts
+over decisions, and of the organizers' own texts.
 """
 
 from typing import Annotated, Literal
@@ -16,7 +16,7 @@ from exceptiondrive_schemas.split import Split, SplitName
 
 Interval = tuple[float, float]
 NO_RECORDED_DRIVE = "no_recorded_drive"
-"""Code of the warning about samples of which nobody knows what was really driven."""
+"""Code of the warning about samples without a recorded drive."""
 Count = Annotated[int, Field(ge=0)]
 
 
@@ -132,7 +132,7 @@ class SplitChange(Document):
 
     @classmethod
     def between(cls, before: Split, after: Split, words: str) -> Self:
-        """Count what a revision changes of the samples that it has of the one before."""
+        """Count the changes of a revision in the samples that it shares with the one before."""
         earlier = {sample.sample_id: sample for sample in before.samples}
         pairs = [(earlier[it.sample_id], it) for it in after.samples if it.sample_id in earlier]
         return cls(
@@ -149,7 +149,7 @@ class SplitChange(Document):
 
     @property
     def counts(self) -> tuple[str, ...]:
-        """How many samples it is about."""
+        """The numbers of affected samples, in words."""
         moved = (
             "the region of 1 sample changes"
             if self.moved == 1
@@ -205,7 +205,7 @@ class Datasheet(Document):
 
     @property
     def n_withdrawn(self) -> int:
-        """Samples that files answer and no sheet counts."""
+        """Number of samples that files answer and no sheet counts."""
         return sum(group.n for group in self.withdrawn)
 
 
@@ -215,5 +215,5 @@ class SplitWarnings(Document):
     found: tuple[SplitWarning, ...] = ()
 
     def count_of(self, code: str) -> int:
-        """How many samples a warning is about; 0 where it was not given."""
+        """Return the number of samples that a warning is about; 0 if there is no such warning."""
         return sum(warning.count for warning in self.found if warning.code == code)

@@ -1,4 +1,4 @@
-"""Dates and times that people send: ISO 8601 text, taken to UTC."""
+"""Dates and times from users: ISO 8601 text, converted to UTC."""
 
 import re
 from datetime import date, datetime
@@ -19,7 +19,7 @@ def in_utc(time: datetime) -> datetime:
     """Return the time in UTC; one without a zone is taken as UTC.
 
     Raises:
-        ValueError: It lies outside the calendar.
+        ValueError: It is out of the calendar's range.
     """
     try:
         return time.astimezone(UTC) if time.tzinfo else time.replace(tzinfo=UTC)
@@ -28,12 +28,12 @@ def in_utc(time: datetime) -> datetime:
 
 
 def with_zone_sign(text: str) -> str:
-    """Return a time from an address with the plus of its zone, where it was not sent as %2B."""
+    """Return a time from a URL with the plus of its zone restored, if it was not sent as %2B."""
     return _BLANK_ZONE.sub(r"\1+\2", text)
 
 
 def _text_or_time(value: object) -> object:
-    """Refuse what pydantic would also read as a time: a number of seconds or milliseconds."""
+    """Reject what pydantic would also read as a time: a number of seconds or milliseconds."""
     if isinstance(value, str) and _DATE.match(value) is None:
         raise ValueError(_SENTENCE.format("text"))
     if value is None or isinstance(value, str | datetime):
@@ -42,7 +42,7 @@ def _text_or_time(value: object) -> object:
 
 
 def _date_or_time(value: object) -> object:
-    """Keep a bare date a date: pydantic would take it for its own midnight."""
+    """Keep a bare date as a date: pydantic would turn it into its midnight."""
     if not isinstance(value, str):
         return value
     if _DATE.match(value) is None:
@@ -66,7 +66,7 @@ Time = Annotated[
     BeforeValidator(_text_or_time),
     AfterValidator(in_utc),
 ]
-"""A time with its zone, kept in UTC; text in every form of JSON."""
+"""A time with its zone, stored in UTC; a text in every form of JSON."""
 Moment = Annotated[
     datetime | date,
     in_words(_DATE_OR_TIME),
@@ -77,7 +77,7 @@ Moment = Annotated[
 
 
 def first_moment(moment: datetime | date) -> datetime:
-    """Return the time, or the first one of the day in UTC."""
+    """Return the time, or the first moment of the day in UTC."""
     if isinstance(moment, datetime):
         return moment
     return datetime(moment.year, moment.month, moment.day, tzinfo=UTC)

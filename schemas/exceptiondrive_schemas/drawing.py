@@ -1,9 +1,9 @@
-"""Drawings of samples: as data in metres, and the one painter of their shapes.
+"""Drawings of samples: data in metres, and the only code that paints their shapes.
 
 The worker and `exceptiondrive plot` make the data with the scoring code's own geometry, x forward
-and y left in the ego frame. Pages and picture files paint it: the markup carries class names alone,
-a picture file brings its own style, a page has its own. A drawing shows a hazard region: it may be
-made of a public split alone.
+and y left in the ego frame. Pages and picture files paint it: the markup has only class names; a
+picture file and a page each have their own style. A drawing shows a hazard region, so it may only
+be made of a public split.
 """
 
 import math
@@ -115,7 +115,7 @@ def pictured_task(protocol: ProtocolDocument) -> Task:
 
 
 def pictured_digest(protocol: ProtocolDocument) -> str:
-    """Return the digest of all that the drawing of a protocol depends on."""
+    """Return the digest of everything that the drawing of a protocol depends on."""
     task = pictured_task(protocol)
     return content_digest(
         {
@@ -135,7 +135,7 @@ def packaged_drawing() -> ProtocolDrawing:
 MARGIN_M = 2.0
 MIN_SPAN_M = 14.0
 MAX_REACH_M = 60.0
-"""How far from the vehicle a region is followed; beyond, the panel shows where it begins."""
+"""Distance from the vehicle up to which a region is drawn; beyond, only its beginning is shown."""
 GRID_STEPS_M = (1, 2, 5, 10, 20, 50)
 MIN_GRID_PX = 46
 
@@ -152,9 +152,9 @@ class View:
 
     @classmethod
     def of(cls, samples: Sequence[SampleDrawing], width: float, height: float) -> "View":
-        """Return the view, in pixels, that holds everything that moves, and the region near it.
+        """Return the view, in pixels, that contains everything that moves, and the region near it.
 
-        They are the same sample of one or more entries.
+        `samples` are the same sample of one or more entries.
         """
         points = [(0.0, 0.0)]
         for sample in samples:
@@ -174,7 +174,7 @@ class View:
         return (point[0] - self.left_m) * self.scale, (self.top_m - point[1]) * self.scale
 
     def points(self, outline: Outline) -> str:
-        """Return positions as SVG writes them."""
+        """Return positions in the syntax of SVG."""
         return " ".join(f"{x:.1f},{y:.1f}" for x, y in map(self.at, outline))
 
     def grid_m(self) -> tuple[Sequence[int], Sequence[int]]:
@@ -213,7 +213,7 @@ def shapes(sample: SampleDrawing, width: float, height: float) -> str:
 
 
 def caption(sample: SampleDrawing) -> tuple[str, str]:
-    """Return two lines: which sample, and what it scores."""
+    """Return two lines: the sample, and its scores."""
     values = []
     for key in CAPTION_KEYS:
         metric, value = PLANNING.metric(key), sample.metrics[key]
@@ -223,7 +223,7 @@ def caption(sample: SampleDrawing) -> tuple[str, str]:
 
 
 def outcome(sample: SampleDrawing) -> str:
-    """Say how near the tube comes, in a few words."""
+    """Return, in a few words, how close the tube comes."""
     if sample.clearance_m is None:
         return "no path with the hazard: counts as a hit"
     if sample.is_intrusion:

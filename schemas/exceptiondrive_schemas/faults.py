@@ -1,4 +1,4 @@
-"""What can be wrong with an uploaded file: the codes, a sentence for each, and the report of all."""
+"""Faults of an uploaded file: the codes, a sentence for each, and the report of all."""
 
 from collections.abc import Mapping
 
@@ -9,7 +9,7 @@ from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.python310 import Self, StrEnum
 
 MAX_EXAMPLES = 20
-"""Examples of one code in a report, each of another sample; the counts always tell all."""
+"""Maximum of examples of one code in a report, each of another sample; the counts are complete."""
 
 
 class FaultCode(StrEnum):
@@ -62,7 +62,7 @@ NOUNS: Mapping[FaultCode, str] = {
     FaultCode.OUT_OF_BOUNDS: "number",
     FaultCode.STEP_TOO_LONG: "step",
 }
-"""What is counted; else it is a fault."""
+"""The noun that is counted; by default it is fault."""
 PLURALS: Mapping[str, str] = {"trajectory": "trajectories"}
 
 
@@ -90,7 +90,7 @@ class FaultGroup(Document):
     """At most one of a sample."""
 
     def extent(self, n_predictions: int | None = None) -> str:
-        """Say how many there are: "120 numbers in 10 of 3,181 samples", "1 fault"."""
+        """Return the extent in words: "120 numbers in 10 of 3,181 samples", "1 fault"."""
         noun = NOUNS.get(self.code, "fault")
         words = counted(self.count, noun, PLURALS.get(noun))
         if not self.n_samples or noun == "sample":
@@ -124,11 +124,11 @@ class CheckReport(Document):
 
     @property
     def n_faults(self) -> int:
-        """How many faults there are, of all kinds."""
+        """Number of faults, of all kinds."""
         return sum(group.count for group in self.faults)
 
     def to_keep(self) -> Self:
-        """Return the report with as many sample ids as examples: a kept one is bounded in size."""
+        """Return the report with only as many sample ids as examples, to bound the stored size."""
         groups = tuple(
             group.model_copy(update={"sample_ids": group.sample_ids[: len(group.examples)]})
             for group in self.faults

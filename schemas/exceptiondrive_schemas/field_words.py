@@ -1,4 +1,4 @@
-"""JSON Schemas: the sentence under a field in the code as its description, and answers that may gain fields."""
+"""JSON Schemas: docstrings below fields as their descriptions, and answers that may gain fields."""
 
 import ast
 import sys
@@ -11,10 +11,10 @@ from pydantic import BaseModel
 
 
 def add_field_words(schemas: Mapping[str, dict[str, Any]]) -> None:
-    """Describe the properties of schemas, by name, where nothing describes them yet.
+    """Add descriptions to the properties of schemas, by name, that have none yet.
 
-    Pydantic would read the source of each class as it is made, at every start of every program. This
-    reads it where descriptions are made.
+    Pydantic would read the source of each class on its creation, at every start of every program.
+    This code reads it only when descriptions are needed.
     """
     for model in _models(BaseModel):
         fields = {
@@ -32,13 +32,13 @@ def add_field_words(schemas: Mapping[str, dict[str, Any]]) -> None:
 
 
 def let_gain_fields(schema: dict[str, Any]) -> None:
-    """Take from the schema of an answer that no further field may come."""
+    """Remove from the schema of an answer that no further field is allowed."""
     if schema.get("additionalProperties") is False:
         del schema["additionalProperties"]
 
 
 def _models(base: type[BaseModel]) -> Iterator[type[BaseModel]]:
-    """Every document of this project that is loaded."""
+    """Yield every document class of this project that is loaded."""
     for model in base.__subclasses__():
         if model.__module__.startswith("exceptiondrive"):
             yield model
@@ -46,7 +46,7 @@ def _models(base: type[BaseModel]) -> Iterator[type[BaseModel]]:
 
 
 def _words(model: type[BaseModel], name: str) -> str:
-    """What is said of a field by the class that names it last; of JSON, which knows no `None`."""
+    """Return a field's docstring from the last class that defines it; for JSON, without `None`."""
     for each in model.__mro__:
         words = _sentences(each.__module__).get((each.__qualname__, name))
         if words is not None:
@@ -56,7 +56,7 @@ def _words(model: type[BaseModel], name: str) -> str:
 
 @cache
 def _sentences(module: str) -> dict[tuple[str, str], str]:
-    """Class and field to the text below the field."""
+    """Return the text below each field, by class and field."""
     path = getattr(sys.modules[module], "__file__", None)
     if not module.startswith("exceptiondrive") or path is None:
         return {}

@@ -1,12 +1,12 @@
-"""What a planning file looks like, beside what was really driven: numbers, and the words for them."""
+"""The profile of a planning file, compared with the recorded drives: numbers, and their wording."""
 
 from exceptiondrive_schemas.base import Document
 
 CONVERT = "`exceptiondrive convert FILE"
-"""Begins what mends a file; options and a closing backtick follow."""
+"""Beginning of a mend; options and a closing backtick follow."""
 TOO_SLOW = 0.5
-"""Below this share of the recorded speed the sources look too slow; of the 13 planners of LightEMMA
-the slowest has 0.83."""
+"""Below this share of the recorded speed the sources look too slow; the slowest of the 13 planners
+of LightEMMA has 0.83."""
 
 
 class Mend(Document):
@@ -31,7 +31,7 @@ class Mend(Document):
 
     @property
     def sentence(self) -> str:
-        """What it looks like, with both figures and what mends it."""
+        """Description, with both errors and the mend."""
         if self.convert_option:
             cure = f"mend it by {CONVERT} {self.convert_option}`"
         else:
@@ -78,7 +78,7 @@ class FileProfile(Document):
 
     @property
     def lines(self) -> tuple[tuple[str, str], ...]:
-        """What there is to tell, as a label and a few words each."""
+        """The known facts, as a label and a few words each."""
         told = (
             ("source speed", self._speeds_text),
             ("source L2", self._distances_text),
@@ -93,7 +93,7 @@ class FileProfile(Document):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What is probably wrong with the file, as sentences."""
+        """Probable mistakes in the file, as sentences."""
         if self.mend is not None:
             return (self.mend.sentence,)
         slow = (self.source_speed_mps or 0.0) < TOO_SLOW * (self.recorded_speed_mps or 0.0)

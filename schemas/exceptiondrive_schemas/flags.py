@@ -1,8 +1,8 @@
-"""Flags: what makes an entry's numbers mean less than they say (docs/protocol.md section 5).
+"""Flags: reasons why an entry's numbers mean less than they seem to (docs/protocol.md section 5).
 
-Shown beside the score and never folded into it. A protocol names those with which an entry takes no
-rank (`ranking.unranked_flags`); whatever the protocol, an entry with a flag that bars leading is
-named by no headline, card or badge as the best.
+Shown beside the score and never folded into it. A protocol names the flags that keep an entry from
+ranking (`ranking.unranked_flags`); whatever the protocol, an entry with a flag that bars leading is
+named as the best by no headline, card or badge.
 """
 
 from collections.abc import Iterable, Mapping
@@ -74,12 +74,12 @@ _KINDS = (
 )
 
 FLAGS: Mapping[str, FlagKind] = {kind.code: kind for kind in _KINDS}
-"""All flags by their code. An answer of a newer server may carry others."""
+"""All flags by code. Answers of a newer server may contain others."""
 
 
 def bars_leading(codes: Iterable[str]) -> bool:
     """Whether one of these flags keeps an entry from being named as the best.
 
-    A flag that is not known here does: what it says is not known to be harmless.
+    Unknown flags do, since they are not known to be harmless.
     """
     return any(code not in FLAGS or FLAGS[code].bars_leading for code in codes)

@@ -1,7 +1,7 @@
-"""What a newer server says, read by an older reader: unheard-of words and numbers stand as they are.
+"""Lenient reading of a newer server's answers: unknown words and numbers are kept as they are.
 
-Strict reading comes first and is all that most answers need. Where it finds such values alone, known
-ones are read in their place, and then the values are put back.
+Strict reading comes first and suffices for most answers. If it finds only such values, they are
+replaced by known ones for validation, and then restored.
 """
 
 import json
@@ -20,7 +20,7 @@ _Read = TypeVar("_Read")
 
 
 def read_newer(read: Callable[[str | bytes], _Read], answer: str | bytes) -> _Read:
-    """Return what `read` gives of an answer, with words and bounded numbers that are not known as they stand.
+    """Return `read` of an answer, with unknown words and numbers out of bounds kept as they are.
 
     Raises:
         ValidationError: Something else is wrong.
@@ -28,7 +28,7 @@ def read_newer(read: Callable[[str | bytes], _Read], answer: str | bytes) -> _Re
     try:
         return read(answer)
     except ValidationError as error:
-        # a list whose items are not known is said to be too short, too
+        # a list with invalid items is also reported as too short
         faults = [each for each in error.errors() if each["type"] != "too_short"]
         try:
             known = [_known_instead(fault) for fault in faults]
@@ -44,10 +44,10 @@ def read_newer(read: Callable[[str | bytes], _Read], answer: str | bytes) -> _Re
 
 
 def _known_instead(fault: ErrorDetails) -> Any:
-    """Return a known value for an unheard-of one. A `Literal` of one word is the form of a document.
+    """Return a known value for an unknown one. A `Literal` of one word is the form of a document.
 
     Raises:
-        LookupError: It is wrong otherwise.
+        LookupError: It is wrong in another way.
     """
     bounds = fault.get("ctx", {})
     if fault["type"] in ("literal_error", "enum") and isinstance(fault["input"], str):
@@ -62,13 +62,13 @@ def _with_value_at(into: Any, place: tuple[int | str, ...], value: Any) -> Any:
     key, *rest = place
     if isinstance(into, tuple):
         return tuple(_with_value_at(list(into), place, value))
-    inside: Any = into.__dict__ if isinstance(into, BaseModel) else into  # nobody else has it yet
+    inside: Any = into.__dict__ if isinstance(into, BaseModel) else into  # not shared yet
     inside[key] = _with_value_at(inside[key], tuple(rest), value)
     return into
 
 
 def _new_member(kind: type[StrEnum], word: str) -> StrEnum:
-    """Return a member for a word of a newer server; no list of them has it."""
+    """Return a member for a word of a newer server; it is not added to the enumeration."""
     member = str.__new__(kind, word)
     member._name_ = member._value_ = word
     return member

@@ -1,4 +1,4 @@
-"""The equations of the paper, as MathML: each stands with the metric that it defines."""
+"""The equations of the paper, as MathML: each belongs to the metric that it defines."""
 
 _MEAN = "<mfrac><mn>1</mn><mi>N</mi></mfrac><munder><mo>&sum;</mo><mi>i</mi></munder>"
 _FAMILY_MEAN = (
@@ -23,7 +23,7 @@ def _math_row(*parts: str) -> str:
 
 
 def _waypoint_at(time: str, kind: str) -> str:
-    """A waypoint of a sample, of the source (`o`) or the edited (`e`) trajectory."""
+    """Return a waypoint of a sample, of the source (`o`) or the edited (`e`) trajectory."""
     below = _math_row("<mi>i</mi>", _operators(","), f"<mi>{time}</mi>")
     return f"<msubsup><mi>&tau;</mi>{below}<mi>{kind}</mi></msubsup>"
 
@@ -33,7 +33,7 @@ def _mean_formula(*parts: str) -> str:
 
 
 def over_families(formula: str) -> str:
-    """Return the formula of the mean of family means, of one that is the mean over samples."""
+    """Return the formula of the mean of family means, given that of the mean over samples."""
     return formula.replace(_MEAN, _FAMILY_MEAN)
 
 

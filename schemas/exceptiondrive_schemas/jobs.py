@@ -1,4 +1,4 @@
-"""What the broker carries: one task, whose payload is the name of a lane and nothing else."""
+"""The broker's messages: one task, whose payload is the name of a lane and nothing else."""
 
 from exceptiondrive_schemas.python310 import StrEnum
 

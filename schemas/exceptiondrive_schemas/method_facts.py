@@ -1,8 +1,8 @@
-"""What a team tells of a method: type, sensors, data, size, speed. All of it is optional.
+"""Facts about a method from its team: type, sensors, data, size, speed. All of them are optional.
 
-One schema for the file of `submit --facts`, its options, the form, the API, the pages and the exports.
-Facts are the team's word; nothing of a score depends on them. They may change after a board was
-published, so that no board holds them: whoever shows a board joins the facts of that moment.
+One schema serves the file of `submit --facts`, its options, the form, the API, the pages and the
+exports. Facts are unverified and do not affect a score. They may change after a board was
+published, so boards do not contain them: whoever shows a board adds the present facts.
 """
 
 from collections.abc import Mapping
@@ -48,7 +48,7 @@ LABELS: Mapping[str, Mapping[str, str]] = {
     "open_code": {"yes": "Open code", "no": "Closed code"},
     "open_weights": {"yes": "Open weights", "no": "Closed weights"},
 }
-"""What each value is called, by field: the words of form, page and filter."""
+"""The label of each value, by field: the words of form, page and filter."""
 
 
 def _each_once(sensors: tuple[Sensor, ...]) -> tuple[Sensor, ...]:
@@ -56,7 +56,7 @@ def _each_once(sensors: tuple[Sensor, ...]) -> tuple[Sensor, ...]:
 
 
 def _choice_titles(name: str) -> JsonDict:
-    """What a form made of the JSON Schema calls each choice."""
+    """Return the titles of the choices for a form that is made from the JSON Schema."""
     return {"x-titles": dict(LABELS[name])}
 
 
@@ -133,14 +133,14 @@ class MethodFacts(Document):
 
     @property
     def tag(self) -> str:
-        """The type in a word or two; empty where it is not told."""
+        """The type in a word or two; empty if not given."""
         if self.type == "other" or self.type is None:
             return self.type_note or _label("type", self.type)
         return _label("type", self.type)
 
     @property
     def lines(self) -> tuple[tuple[str, str], ...]:
-        """Title and words of each fact that is told, in the order of the form."""
+        """Title and words of each given fact, in the order of the form."""
         words = {
             "type": self.tag,
             "sensors": ", ".join(_label("sensors", sensor) for sensor in self.sensors),
@@ -162,7 +162,7 @@ class MethodFacts(Document):
 
     @property
     def cells(self) -> dict[str, str | float | None]:
-        """One cell a field, for tables: several values in one cell stand apart by a blank."""
+        """One cell per field, for tables: several values in one cell are separated by a blank."""
         told = self.model_dump()
         return {**told, "sensors": " ".join(self.sensors)}
 
@@ -208,7 +208,7 @@ class EntryFacts(Document):
 
 
 FactsOfBoard = Mapping[str, EntryFacts]
-"""By submission; an entry that tells nothing is left out."""
+"""Facts by submission; entries without facts are left out."""
 NO_FACTS: FactsOfBoard = {}
 
 
@@ -226,7 +226,7 @@ class PhaseFacts(Document):
 
 
 def size_words(parameters_millions: float | None) -> str:
-    """Write a size as people say it: `350 M`, `7 B`, `1.2 T`; empty where it is not told."""
+    """Write a size in the usual form: `350 M`, `7 B`, `1.2 T`; empty if not given."""
     if parameters_millions is None:
         return ""
     for unit, millions in (("T", 1e6), ("B", 1e3)):

@@ -1,7 +1,7 @@
-"""Text that reaches a screen: counted nouns, and the last line of defence against unsafe signs.
+"""Text for display: counted nouns, and the last line of defence against unsafe characters.
 
-Uploads are refused names that cannot be shown (`checked_text`). Outputs do not rely on it: older
-rows, hand-made records and foreign servers are cleaned here once more, just before they are shown.
+Uploads with names that cannot be shown are refused (`checked_text`). Outputs do not rely on it:
+older rows, hand-made records and foreign servers are sanitized here again, just before display.
 """
 
 import math
@@ -13,12 +13,12 @@ REPLACEMENT = "\ufffd"
 MINUS = "\u2212"
 _UNSAFE = re.compile(
     "[\x00-\x08\x0b-\x1f\x7f-\x9f"  # control characters; ESC and CSI steer terminals
-    "\u061c\u200b-\u200f\u202a-\u202e\u2060-\u2069\ufeff"  # invisible, or turning the direction
+    "\u061c\u200b-\u200f\u202a-\u202e\u2060-\u2069\ufeff"  # invisible, or changing the direction
     "\u2028\u2029\ufff9-\ufffb\ud800-\udfff]"  # line separators, annotations, lone surrogates
 )
 _FORMULA = "=+-@\uff1d\uff0b\uff0d\uff20"  # and their full-width forms
 _CELL_START = rf"(^|;\s*)(?=[{re.escape(_FORMULA)}{REPLACEMENT}])"
-"""Where a formula would begin: a spreadsheet of many a country parts cells at `;`, quoted or not."""
+"""Where a formula would begin: spreadsheets in many countries split cells at `;`, quoted or not."""
 _QUOTED_START = _CELL_START.replace("(?=", "'(?=")
 
 
@@ -32,11 +32,11 @@ def shown_text(
 ) -> str:
     """Return `text` in Unicode form NFC, without surrounding blanks, if it can be shown safely.
 
-    A line ends with one character, as browsers count it that send two. Control, zero-width and
-    direction characters are refused: they make two names look alike.
+    Line breaks become one character, as browsers count them although they send two. Control,
+    zero-width and direction characters are refused: they make two names look alike.
 
     Raises:
-        ValueError: It is empty, too long, or with characters that cannot be shown.
+        ValueError: It is empty, too long, or has characters that cannot be shown.
     """
     text = unicodedata.normalize("NFC", text).strip()
     if may_have_lines:
@@ -55,15 +55,15 @@ def shown_text(
 
 
 def printable(text: str) -> str:
-    """Return `text` in which each unsafe character became a replacement sign.
+    """Return `text` with each unsafe character replaced by a replacement sign.
 
-    Lines are kept, and end with one character; browsers send two, and a refused form shows them.
+    Line breaks are kept as one character; browsers send two, and a refused form shows them.
     """
     return _UNSAFE.sub(REPLACEMENT, text.replace("\r\n", "\n"))
 
 
 def one_line(text: str) -> str:
-    """Return `text` on one line: a mail header, a CSV cell, a comment can hold no break."""
+    """Return `text` on one line: a mail header, a CSV cell, a comment cannot contain a break."""
     return printable(" ".join(text.split()))
 
 
@@ -73,7 +73,7 @@ def spreadsheet_text(text: str) -> str:
 
 
 def from_spreadsheet(text: str) -> str:
-    """Return the text of which `spreadsheet_text` made a cell."""
+    """Return the text from which `spreadsheet_text` made a cell."""
     return re.sub(_QUOTED_START, r"\1", text)
 
 
@@ -83,7 +83,7 @@ def counted(count: int, noun: str, plural: str | None = None) -> str:
 
 
 def duration_words(seconds: float) -> str:
-    """Write a length of time in its largest unit: `12 s`, `5 minutes`, `3 hours`, `2 days`."""
+    """Write a duration in its largest unit: `12 s`, `5 minutes`, `3 hours`, `2 days`."""
     if seconds < 90:
         return f"{max(0, round(seconds))} s"
     if seconds < 90 * 60:
@@ -94,12 +94,12 @@ def duration_words(seconds: float) -> str:
 
 
 def percent_of(n: int, of: int) -> str:
-    """Return a share in per cent, to two places; a dash where nothing came in."""
+    """Return a share in per cent, to two places; a dash if the total is 0."""
     return f"{100 * n / of:.2f} %" if of else "–"
 
 
 def share_past(share: float, limit: float, decimals: int = 0) -> str:
-    """Return a share as `19.6%`: to more decimals where these do not tell on which side of a limit it lies."""
+    """Return a share as `19.6%`, with as many decimals as show on which side of a limit it is."""
     side = 1 if share > limit else -1
     for digits in range(decimals, 6):
         text = f"{share:.{digits}%}"
@@ -109,9 +109,9 @@ def share_past(share: float, limit: float, decimals: int = 0) -> str:
 
 
 def decimal_text(value: float, decimals: int, minus: str = "-") -> str:
-    """Return a number with so many decimals, never as minus zero.
+    """Return a number with this many decimals, never as minus zero.
 
-    A half is rounded away from zero as it reads in decimals: 47.15 is 47.2, whatever its bits are.
+    Halves in decimal notation are rounded away from zero: 47.15 is 47.2, whatever its bits are.
     """
     nudged = value + math.copysign(1e-9, value)
     text = f"{round(nudged, decimals) + 0.0:.{decimals}f}"  # adding zero turns -0.0 into 0.0

@@ -1,9 +1,9 @@
 """The protocol document: every constant that turns a trajectory into a score (docs/protocol.md).
 
-A protocol is TOML on disk, immutable once used, and identified by version and content digest.
-Its sections are digested apart, so that a change repeats only the steps that read the section:
-`geometry` -> measure, `grading` and the taxonomy -> grade, `ranking` -> rank. A digest holds what a
-document says: a field that came later, with a default, leaves the digests of older ones as they are.
+A protocol is TOML on disk, immutable once used, and identified by version and content digest. Its
+sections have their own digests, so that a change repeats only the steps that read the section:
+`geometry` -> measure, `grading` and the taxonomy -> grade, `ranking` -> rank. A digest covers what
+a document contains: a later field with a default does not change the digests of older documents.
 """
 
 import json
@@ -78,7 +78,7 @@ class GradingSection(Document):
         return self
 
     def under_warning(self, acceptable: Collection[Strategy]) -> tuple[Strategy, ...]:
-        """Answers that are less cautious than the least cautious that is acceptable."""
+        """Return answers less cautious than the least cautious acceptable one."""
         least = min(self.caution[strategy.value] for strategy in acceptable)
         return tuple(strategy for strategy in Strategy if self.caution[strategy.value] < least)
 
@@ -97,7 +97,7 @@ class RankingSection(Document):
     """Flags with which an entry is listed and takes no rank."""
 
     def order_of(self, challenge: Challenge) -> tuple[RankKey, ...]:
-        """What ranks the entries of a challenge, the first key before the others."""
+        """Return the keys that rank the entries of a challenge, the most significant first."""
         return self.order.get(challenge.id, challenge.primary_order)
 
     @field_validator("unranked_flags")
@@ -243,7 +243,7 @@ class ProtocolDocument(Document):
 
     @cached_property
     def plausibility_digest(self) -> str:
-        """Digest of what `grade` reads where it reads no required clearance."""
+        """Digest of what those parts of `grade` read that use no required clearance."""
         return content_digest(_digest_value(self.plausibility))
 
     @cached_property
@@ -255,12 +255,12 @@ class ProtocolDocument(Document):
 
 
 _DIGESTED_DEFAULTS = frozenset({"d_safe_scale", "sensitivity_factors", "compared_entries"})
-"""Fields of the first protocols. Every later one needs a default, and none of its own belongs here:
-a protocol that leaves it out keeps its digest, and so every result made under it stays valid."""
+"""Fields of the first protocols. Later fields need a default and must not be added here: protocols
+without them keep their digests, so all results made under these stay valid."""
 
 
 def _digest_value(value: Any) -> Any:
-    """Return what digests are made of: the value as JSON without the fields left at a default."""
+    """Return the input of digests: the value as JSON without the fields left at a default."""
     if isinstance(value, Document):
         return {
             field.alias or name: _digest_value(getattr(value, name))
@@ -290,7 +290,7 @@ def _strategy_list(strategies: Collection[Strategy]) -> str:
 
 
 class ProtocolError(ValueError):
-    """The protocol document cannot be used; each line says where and why."""
+    """The protocol document is invalid; each line says where and why."""
 
     def __init__(self, faults: list[str]) -> None:
         self.faults = faults
@@ -301,7 +301,7 @@ def parse_protocol(toml: str) -> ProtocolDocument:
     """Read a protocol from TOML.
 
     Raises:
-        ProtocolError: Not TOML, or the document breaks the schema; every fault is listed.
+        ProtocolError: Not TOML, or the document violates the schema; every fault is listed.
     """
     try:
         document = tomllib.loads(toml)
@@ -325,7 +325,7 @@ def read_protocol(path: Path) -> ProtocolDocument:
     """Read a protocol from a TOML file; it may begin with a byte order mark.
 
     Raises:
-        ProtocolError: Not UTF-8, not TOML, or the document breaks the schema.
+        ProtocolError: Not UTF-8, not TOML, or the document violates the schema.
         OSError: It cannot be read.
     """
     try:
@@ -337,13 +337,13 @@ def read_protocol(path: Path) -> ProtocolDocument:
 PACKAGED_PROTOCOLS = Path(__file__).parent / "protocols"
 """Folder of the protocols that ship with this package."""
 NEWEST = "1.1"
-"""Version of the packaged protocol that a new phase takes."""
+"""Version of the packaged protocol for a new phase."""
 NEWEST_WITHHELD = "1.1-withheld"
-"""That which a new phase on a withheld split takes: the same scores, and no cells below 100."""
+"""Version for a new phase on a withheld split: the same scores, and no cells below 100."""
 
 
 def packaged_protocol_toml(version: str = "1.0") -> str:
-    """TOML text of a protocol that ships with this package.
+    """Return the TOML text of a protocol that ships with this package.
 
     Raises:
         FileNotFoundError: No such version ships.
@@ -363,6 +363,6 @@ def packaged_protocol(version: str = "1.0") -> ProtocolDocument:
 
 @cache
 def packaged_digests() -> frozenset[str]:
-    """Return the digests of all protocols that ship with this package: they are no secret."""
+    """Return the digests of all protocols that ship with this package; they are public."""
     files = PACKAGED_PROTOCOLS.glob("*.toml")
     return frozenset(parse_protocol(file.read_text(encoding="utf-8")).digest for file in files)

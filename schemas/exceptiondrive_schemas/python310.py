@@ -1,4 +1,4 @@
-"""What the standard library of Python 3.10 lacks: the client runs there, beside older planners."""
+"""Backports to Python 3.10, on which the client runs, beside older planners."""
 
 import sys
 
@@ -20,7 +20,7 @@ else:
     UTC = timezone.utc
 
     class StrEnum(str, Enum):
-        """Members are their text, in `str` and in format strings, too."""
+        """Members equal their text, also in `str` and in format strings."""
 
         def __str__(self) -> str:
             return str.__str__(self)

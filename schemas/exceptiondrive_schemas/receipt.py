@@ -1,7 +1,7 @@
-"""Receipts: what the server signs about a scored submission, so that anyone can check it later.
+"""Receipts: the server's signed statement about a scored submission, which anyone can verify later.
 
-A receipt says only what never changes: which bytes were sent, what scored them, and what was
-published. Every field is digested apart and the signature covers the digests, so a check can name
+A receipt contains only what never changes: which bytes were sent, what scored them, and what was
+published. Every field has its own digest and the signature covers the digests, so a check can name
 the field that was altered.
 """
 
@@ -88,7 +88,7 @@ class ReceiptKeys(Document):
 
 
 def key_id_of(public_key: bytes) -> str:
-    """Return the name of a key: the first 16 hex digits of the SHA-256 of its public half."""
+    """Return the id of a key: the first 16 hex digits of the SHA-256 of its public half."""
     return hashlib.sha256(public_key).hexdigest()[:16]
 
 
@@ -105,7 +105,7 @@ def signed_bytes(key_id: str, digests: dict[str, str]) -> bytes:
 
 
 def altered_fields(receipt: Receipt) -> tuple[str, ...]:
-    """Return the fields of the statement that are not what their signed digests say."""
+    """Return the fields of the statement that do not match their signed digests."""
     found = field_digests(receipt.statement)
     names = {*found, *receipt.digests}
     return tuple(sorted(name for name in names if found.get(name) != receipt.digests.get(name)))

@@ -1,7 +1,7 @@
 """The reference rows of a board: planners and agents that need no skill.
 
-Every board has those of its challenge, made and scored by the worker as an entry is
-(`exceptiondrive_scoring.references`), and never ranked. No team or method may take their names.
+Every board has those of its challenge; the worker makes and scores them like entries
+(`exceptiondrive_scoring.references`), and they never rank. No team or method may use their names.
 """
 
 import unicodedata
@@ -11,12 +11,12 @@ from exceptiondrive_schemas.challenges import PLANNING, STRATEGY, ChallengeId
 
 TEAM = "Reference"
 PAPER_TEAM = "ExceptionDrive paper"
-"""Of the rows that the paper reports (`reported`)."""
+"""Team name of the rows that the paper reports (`reported`)."""
 
 
 @dataclass(frozen=True)
 class Reference:
-    """What stands on a board beside the entries."""
+    """A row on a board beside the entries."""
 
     method: str
     description: str
@@ -40,12 +40,12 @@ REFERENCES: dict[ChallengeId, tuple[Reference, ...]] = {
 
 
 def is_reserved(name: str) -> bool:
-    """Whether a name of a team or method reads as that of a reference row, or of the paper's rows."""
+    """Whether a team's or method's name reads like a reference row, or like the paper's rows."""
     return _as_read(name) in _RESERVED
 
 
 def _as_read(name: str) -> str:
-    """Letters and digits alone, without case, and without the width or style of a script."""
+    """Return letters and digits alone, case-folded, without variants of width or style."""
     return "".join(c for c in unicodedata.normalize("NFKC", name).casefold() if c.isalnum())
 
 

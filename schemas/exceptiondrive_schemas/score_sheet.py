@@ -12,9 +12,9 @@ from exceptiondrive_schemas.python310 import Self
 from exceptiondrive_schemas.split import SplitRef
 
 REMINDER = "reminder"
-"""The further row of what reminder records say; only of a file that has some."""
+"""The extra row with the scores of reminder records; only for files that have some."""
 HEADLINE: Average = "macro_family"
-"""The aggregate that is shown where no protocol says which."""
+"""The aggregate that is shown if no protocol names one."""
 
 MetricRow = dict[str, float | None]
 """Metric key to value: fractions, CTS in metres, undefined = None."""
@@ -24,13 +24,13 @@ RowValue = Annotated[
     Field(union_mode="left_to_right"),
     WithJsonSchema({"anyOf": [{"type": "number"}, {"type": "null"}]}),
 ]
-"""A value of a metric; or, in a row of a newer server, whatever else such a row may hold."""
+"""Value of a metric; or, in a row of a newer server, any other value."""
 
 Interval = tuple[float, float]
 
 
 def is_whole_percent(share: float) -> bool:
-    """Whether a share needs no decimals as per cent."""
+    """Whether a share needs no decimals as a percentage."""
     return abs(share - round(share, 2)) < 1e-8
 
 
@@ -42,7 +42,7 @@ class ProtocolRef(Document):
 
     @classmethod
     def of(cls, protocol: ProtocolDocument) -> Self:
-        """Return that of a document."""
+        """Return the reference of a document."""
         return cls(version=protocol.version, digest=protocol.digest)
 
 
@@ -59,7 +59,7 @@ class Coverage(Document):
     n_source: int | None = Field(default=None, exclude_if=lambda it: it is None)
 
     def exact_shares(self, n: int) -> dict[str, float]:
-        """Share by side of the n samples: of the numbers where they are told, else as rounded."""
+        """Share by side of the n samples: from exact numbers if given, else as rounded."""
         told = {"edited": (self.n_edited, self.edited), "source": (self.n_source, self.source)}
         shares = {
             side: share if count is None else count / n for side, (count, share) in told.items()
@@ -149,16 +149,16 @@ class ScoreSheet(Document):
         return REMINDER in self.extra
 
     def average(self, name: Average) -> MetricRow:
-        """Return the totals under one of the two averages, as the protocol names the one that ranks."""
+        """Return the totals of one of the two averages, by the protocol's name for it."""
         return self.micro if name == "micro" else self.macro_family
 
 
 def metric_text(
     metric: Metric, value: float | None, publication: PublicationSection | None = None
 ) -> str:
-    """Return a fraction or metres as the board shows it: with two digits, where nothing says how many.
+    """Format a fraction or metres as the board shows it, by default with two digits.
 
-    It is rounded as a board's sheets are, before it is written: 0.64375 less a hair is 64.37 %.
+    It is first rounded like a board's sheets: 0.64375 minus a tiny error is 64.37 %.
     """
     if value is None:
         return "-"
@@ -172,7 +172,7 @@ def metric_text(
 def text_with_unit(
     metric: Metric, value: float, publication: PublicationSection | None = None
 ) -> str:
-    """Return a value as in running text: `65.47 %`, `1.20 m`."""
+    """Format a value for running text: `65.47 %`, `1.20 m`."""
     unit = "%" if metric.unit == "fraction" else "m"
     return f"{metric_text(metric, value, publication)} {unit}"
 
@@ -201,5 +201,5 @@ class ReminderEffect(Document):
 
     @property
     def by_metric(self) -> MetricRow:
-        """The differences alone, without their intervals."""
+        """The differences without their intervals."""
         return {key: paired.difference for key, paired in self.differences.items()}

@@ -1,4 +1,4 @@
-"""Documents as a person meets them at a prompt and in a notebook: short, and as tables."""
+"""Short forms of documents for a prompt, and tables for a notebook."""
 
 from collections.abc import Iterator, Mapping
 from html import escape
@@ -12,7 +12,7 @@ Cells = dict[str, str]
 
 
 def short(value: Any) -> str:
-    """Return a value on a line: what is long is cut, what has many parts is counted."""
+    """Return a value on one line: long texts are cut, large collections counted."""
     if isinstance(value, float):
         return f"{value:.6g}"
     if isinstance(value, BaseModel):
@@ -24,7 +24,7 @@ def short(value: Any) -> str:
 
 
 def html(document: BaseModel) -> str:
-    """Return a document as tables: its own values, then a table for each list or object of parts."""
+    """Return a document as tables: its own values, then a table for each nested list or object."""
     parts = [
         _table([{"": name, type(document).__name__: short(value)} for name, value in document])
     ]
@@ -46,7 +46,7 @@ def _rows(value: Any) -> Iterator[Cells]:
 
 
 def _cells(document: BaseModel) -> Cells:
-    """Return the values of a row; numbers of an object in it are columns of their own."""
+    """Return the values of a row; numbers of a nested object become columns of their own."""
     cells: Cells = {}
     for name, value in document:
         if isinstance(value, Mapping) and all(isinstance(each, float) for each in value.values()):

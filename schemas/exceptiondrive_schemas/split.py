@@ -56,7 +56,7 @@ class SplitSample(Document):
 class Split(Document):
     """A named set of samples with its withheld regions."""
 
-    model_config = ConfigDict(cache_strings="keys")  # ids stand once: a fifth less time to read one
+    model_config = ConfigDict(cache_strings="keys")  # ids occur once: reading takes a fifth less
     decides_scores = True
 
     schema_: Literal["exceptiondrive.split/1"] = Field(alias="schema")
@@ -68,7 +68,7 @@ class Split(Document):
 
     @cached_property
     def revision(self) -> str:
-        """Digest of the canonical content, blind to the order of samples."""
+        """Digest of the canonical content, independent of the order of samples."""
         document = self.model_dump(mode="json", by_alias=True, exclude_none=True)
         document["samples"].sort(key=lambda sample: sample["sample_id"])
         return content_digest(document)
@@ -87,7 +87,7 @@ class Split(Document):
 
     @property
     def has_parts(self) -> bool:
-        """Whether samples are parted into public and private ones."""
+        """Whether samples are divided into public and private ones."""
         return any(sample.part is not None for sample in self.samples)
 
     @property
@@ -96,7 +96,7 @@ class Split(Document):
         return SplitRef(name=self.name, revision=self.revision)
 
     def part(self, part: Literal["public", "private"] | None) -> "Split":
-        """Return the samples of a part as a split of its own, with its own revision; None: all of it."""
+        """Return a part as a split of its own, with its own revision; None: all of it."""
         if part is None:
             return self
         chosen = tuple(sample for sample in self.samples if sample.part == part)
@@ -139,10 +139,10 @@ class Manifest(Document):
 
     @classmethod
     def of(cls, split: Split, geometry: GeometrySection, revision: str | None = None) -> Self:
-        """Return what may be known of a split, samples by id.
+        """Return the public part of a split, samples by id.
 
-        It has all samples that a file answers; the revision is of the part that counts, by default the
-        whole.
+        It has all samples that a file answers; the revision is that of the part that counts, by
+        default of the whole.
         """
         told = sorted(map(attrgetter("sample_id", "recorded"), split.samples), key=itemgetter(0))
         paths = {sample_id: path for sample_id, path in told if path is not None}
@@ -158,7 +158,7 @@ class Manifest(Document):
         )
 
     def drives(self, geometry: GeometrySection) -> Mapping[str, Trajectory] | None:
-        """The recorded paths, where they are told at the times of a protocol's waypoints."""
+        """Return the recorded paths, if they are public and have a protocol's waypoint times."""
         has_times = (self.waypoints, self.time_step_s) == (geometry.waypoints, geometry.time_step_s)
         return self.recorded if has_times else None
 

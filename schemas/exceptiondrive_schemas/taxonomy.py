@@ -23,7 +23,7 @@ class Strategy(StrEnum):
 
     @property
     def action(self) -> str:
-        """What the letter stands for."""
+        """The meaning of the letter."""
         return _ACTIONS[self]
 
 
@@ -68,12 +68,12 @@ class Task(Document):
 
     @property
     def title(self) -> str:
-        """Its name as readers see it: `stalled_vehicle` -> `Stalled vehicle`."""
+        """Its name as shown to readers: `stalled_vehicle` -> `Stalled vehicle`."""
         return self.name.replace("_", " ").capitalize()
 
     @property
     def label(self) -> str:
-        """Its id and title, where it stands alone."""
+        """Its id and title, for use out of context."""
         return f"{self.id} {self.title}"
 
 
@@ -108,5 +108,5 @@ class Taxonomy(Document):
         raise KeyError(task_id)
 
     def tasks_of(self, family_id: str) -> tuple[Task, ...]:
-        """Tasks of one family, in order."""
+        """Return the tasks of one family, in order."""
         return tuple(task for task in self.tasks if task.family == family_id)

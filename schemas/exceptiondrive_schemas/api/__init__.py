@@ -1,1 +1,1 @@
-"""What the API alone says and takes; documents that are kept as files lie one folder up."""
+"""Requests and answers of the API; documents that are stored as files are one folder up."""

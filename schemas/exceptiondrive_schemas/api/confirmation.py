@@ -1,7 +1,7 @@
 """Confirmations: an organizer signs that a split may be scored under a protocol.
 
-The key is the organizer's own and never on the server. Which keys count stands beside the split,
-where workers alone read (`floors.toml`), so nobody who holds the server can confirm anything.
+The key is the organizer's own and never on the server. Accepted keys are listed beside the split,
+where only workers read (`floors.toml`), so nobody who controls the server can confirm anything.
 """
 
 import hashlib
@@ -32,13 +32,13 @@ class Confirmation(Document):
 
     @property
     def id(self) -> str:
-        """What it is called on a site: the same statement and key have the same id."""
+        """Its id on a site: the same statement and key give the same id."""
         signed = confirmed_bytes(self.split, self.protocol) + self.public_key.encode()
         return hashlib.sha256(signed).hexdigest()[:16]
 
 
 def confirmed_bytes(split: SplitRef, protocol_digest: str) -> bytes:
-    """Return the bytes that are signed: form, split and protocol as canonical JSON."""
+    """Return the bytes to sign: form, split and protocol as canonical JSON."""
     return canonical_json(
         {
             "schema": "exceptiondrive.confirmation/1",

@@ -1,8 +1,7 @@
 """The list of files that an organizer offers as the data of a phase, each with size and digest.
 
-It lies wherever the data lie; the phase names its address. Names are paths below the folder into which
-they are downloaded, of plain characters alone: a list from elsewhere decides nothing but what stands
-in that folder.
+It is hosted with the data; the phase has its address. Names are paths below the folder into which
+files are downloaded, of plain characters only: a foreign list affects nothing outside that folder.
 """
 
 from typing import Annotated, Literal
@@ -15,7 +14,7 @@ from exceptiondrive_schemas.python310 import Self
 _PART = r"[A-Za-z0-9_][A-Za-z0-9_+-]*(\.[A-Za-z0-9_+-]+)*"
 FileName = Annotated[str, Field(max_length=200, pattern=rf"^{_PART}(/{_PART})*$")]
 PARTIAL = ".part"
-"""What a file is called while it is being downloaded."""
+"""Suffix of a file while it is being downloaded."""
 
 
 class DataFile(Document):
@@ -47,5 +46,5 @@ class DataManifest(Document):
 
     @property
     def total_bytes(self) -> int:
-        """Of all files together."""
+        """Total size of all files."""
         return sum(file.bytes for file in self.files)

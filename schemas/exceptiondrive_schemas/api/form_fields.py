@@ -1,4 +1,4 @@
-"""The fields of a form or command line, made from a model: whoever adds a field adds it once."""
+"""The fields of a form or command line, derived from a model, so that each is declared once."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -8,43 +8,43 @@ from typing import Any, Literal
 from pydantic import BaseModel
 
 Kind = Literal["text", "lines", "whole", "number", "moment", "yes", "choice", "several"]
-"""A line, several lines, a whole or any number, a time in UTC, yes or no, one or several of a list."""
+"""One line, several lines, integer, number, time in UTC, yes or no, one or several of a list."""
 LINES_FROM = 1000
-"""Text that may be longer than this many characters is written in several lines."""
+"""Text that may be longer than this many characters gets a multi-line field."""
 
 
 @dataclass(frozen=True)
 class FormField:
-    """One field: what it is called, and which values it takes."""
+    """One field: its name, and the values that it takes."""
 
     name: str
     label: str
     kind: Kind = "text"
     hint: str = ""
     is_required: bool = False
-    """Whether it may not stay empty."""
+    """Whether it must not be empty."""
     max_length: int = 200
     lowest: float = 1
     highest: float = 1_000_000
     options: tuple[tuple[str, str], ...] = ()
     """Value and title of each choice."""
     empty: str = "none"
-    """What a choice says that may stay empty."""
+    """The text of the empty choice, if it may be empty."""
     default: Any = None
     may_be_none: bool = False
     part: str | None = None
-    """The document inside the model that the field belongs to."""
+    """The nested document that the field belongs to."""
 
 
 @cache
 def fields_of(model: type[BaseModel]) -> tuple[FormField, ...]:
-    """Return a field for each one of a model, and of the documents inside it, in their order."""
+    """Return a field for each field of a model and of its nested documents, in order."""
     schema = model.model_json_schema()
     return tuple(_fields(schema, schema.get("$defs", {}), None))
 
 
 def document_of(fields: Sequence[FormField], values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the document of a model from the values of some of its fields."""
+    """Return the document of a model from values of some of its fields."""
     document: dict[str, Any] = {}
     for field in fields:
         if field.name in values:
@@ -54,7 +54,7 @@ def document_of(fields: Sequence[FormField], values: Mapping[str, Any]) -> dict[
 
 
 def values_of(fields: Sequence[FormField], document: object) -> dict[str, Any]:
-    """Return the value of each field, read from an object that has them as attributes."""
+    """Return the value of each field, read from an object with attributes of the same names."""
     return {
         field.name: getattr(
             document if field.part is None else getattr(document, field.part), field.name

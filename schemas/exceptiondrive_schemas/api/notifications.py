@@ -1,4 +1,4 @@
-"""What teams are told: notices, and what an address subscribes to."""
+"""Messages to teams: notices, and the subscriptions of an address."""
 
 from datetime import datetime
 from typing import Literal
@@ -9,7 +9,7 @@ from exceptiondrive_schemas.challenges import ChallengeId
 from exceptiondrive_schemas.score_sheet import ProtocolRef
 
 EventKind = Literal["scored", "failed", "overtaken", "phase_ends"]
-"""What happens between protocol updates: the kind of a notification, and a subscription to it."""
+"""Events between protocol updates: the kind of a notification, and a subscription to it."""
 NotificationKind = Literal[
     "protocol_applied",
     "protocol_rolled_back",
@@ -23,7 +23,7 @@ NotificationKind = Literal[
     "phase_changed",
 ]
 Subscription = Literal["updates", EventKind]
-"""What an address may subscribe to, as its `wishes`: protocol updates, and what happens between them."""
+"""What an address may subscribe to, as its `wishes`: protocol updates, and events between them."""
 SUBSCRIPTIONS: dict[Subscription, str] = {
     "updates": "a protocol or split update changed your published numbers",
     "scored": "a submission of yours was scored",

@@ -1,4 +1,4 @@
-"""A team's own entries: which of them an upload takes the place of, and how they are named."""
+"""A team's own entries: which of them an upload replaces, and how they are named."""
 
 from collections.abc import Callable, Iterable, Mapping
 from datetime import datetime
@@ -14,10 +14,10 @@ from exceptiondrive_schemas.score_sheet import metric_text
 def replaced_entry(
     own: Iterable[SubmissionView], method: str | None, policy: PhasePolicy, *, is_open: bool
 ) -> SubmissionView | None:
-    """Return the entry that another upload of a team takes the place of once it is scored.
+    """Return the entry that another upload of a team replaces once it is scored.
 
-    `own` are the team's submissions in the phase; the upload is of a new method where it names none, and
-    late where the phase is not open.
+    `own` are the team's submissions in the phase. Without `method` the upload is of a new one; it
+    is late if the phase is not open.
     """
     if policy.entries_private:
         return None
@@ -36,7 +36,7 @@ def replaced_entry(
 
 
 def to_confirm(unranked_because: str | None, replaces: SubmissionView | None) -> Mapping[str, str]:
-    """Return what nobody may be surprised by, in a sentence; by the argument of `submit` that says yes."""
+    """Return sentences about surprising effects, by the argument of `submit` that accepts them."""
     found = {}
     if replaces is not None:
         found["replace"] = f"It replaces {entry_words(replaces)}."
@@ -50,9 +50,9 @@ def _minute(moment: datetime) -> str:
 
 
 def question_of(view: SubmissionView, minute: Callable[[datetime], str] = _minute) -> str:
-    """Say what a team is asked before an upload counts, and until when; empty: it was asked nothing.
+    """Say what a team is asked before an upload counts, and until when; empty if nothing.
 
-    `minute` writes the date.
+    `minute` formats the date.
     """
     asked = view.report.to_confirm if view.report is not None else ()
     if view.status is not SubmissionStatus.REJECTED or not asked:
@@ -69,7 +69,7 @@ def question_of(view: SubmissionView, minute: Callable[[datetime], str] = _minut
 
 
 def link_words(view: SubmissionView) -> str:
-    """Name what a submission is linked to, and what the board tells of the two; empty: it has no link."""
+    """Name a submission's link and what the board shows of the two; empty if it has no link."""
     if view.linked_to is None:
         return ""
     told = f"no effect is told: {view.no_effect_because}"

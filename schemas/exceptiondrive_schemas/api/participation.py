@@ -1,4 +1,4 @@
-"""Who takes part and under what: what readers and teams are told of it."""
+"""Participation: what readers and teams see about who takes part, and under which rules."""
 
 from datetime import datetime
 
@@ -7,7 +7,7 @@ from exceptiondrive_schemas.base import Document
 AFTER_A_MERGE = (
     "Only one run of a method counts, and only one entry where a phase shows one for each team."
 )
-"""What becomes of the entries of two teams that are merged."""
+"""The effect of a merge on the entries of the two teams."""
 
 
 class DisqualificationNote(Document):

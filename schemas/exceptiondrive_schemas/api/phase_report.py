@@ -1,4 +1,4 @@
-"""The final report of a phase: what its boards say once it has closed, and nothing else."""
+"""The final report of a phase: a summary of its boards once it has closed, and nothing else."""
 
 from datetime import datetime
 

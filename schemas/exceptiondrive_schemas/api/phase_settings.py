@@ -1,9 +1,9 @@
-"""What organizers set for a phase: dates, limits, and what is shown when and to whom.
+"""The settings of a phase: dates, limits, and what is shown when and to whom.
 
 Each setting is one field here, with its title, a sentence, its bounds and its default. API, form,
-command line and the table in `docs/phase-settings.md` are made from these models; the records refuse what
-does not fit together. A further setting is a field of `PhasePolicy`, which is kept as one document,
-and the place that heeds it. The fields of `PhaseSettings` are columns, since queries read them.
+command line and the table in `docs/phase-settings.md` are generated from these models; the records
+reject inconsistent settings. A new setting is a field of `PhasePolicy`, which is stored as one
+document, and code that obeys it. Fields of `PhaseSettings` are columns, as queries read them.
 """
 
 from collections.abc import Mapping
@@ -19,7 +19,7 @@ from exceptiondrive_schemas.datetimes import Time
 SplitPart = Literal["public", "private"]
 LivePart = Literal["public", "whole"]
 RunRule = Literal["newest", "best", "this"]
-"""What a team says of the runs of a method: which one of them stands."""
+"""A team's choice among the runs of a method: which one of them counts."""
 BoardView = Literal["main", "late"]
 Visibility = Literal["shown", "archived", "hidden"]
 Title = Annotated[str, Field(min_length=1, max_length=120)]
@@ -139,7 +139,7 @@ class PhasePolicy(Document):
     )
 
     def run_rule(self, *, has_deadline: bool) -> str:
-        """Say, before anything is handed in, which run counts on the board."""
+        """Say, before any upload, which run counts on the board."""
         private = "An entry is private, and ranks nowhere, until its team publishes it. "
         said = private if self.entries_private else ""
         if self.entries_shown == "chosen":
@@ -236,7 +236,7 @@ class PhaseChange(PhaseSettings):
 
 
 WITHHELD_DEFAULTS: Mapping[str, int] = {"quota_per_day": 1, "quota_total": 20}
-"""What a new phase on a withheld split has where nothing is said (docs/leakage.md)."""
+"""Defaults of a new phase on a withheld split (docs/leakage.md)."""
 
 
 class NewPhase(PhaseSettings):

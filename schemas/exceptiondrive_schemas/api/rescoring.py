@@ -63,7 +63,7 @@ RETRIES: Mapping[RunState, RunState] = {
     RunState.READY: RunState.SCORING,
     RunState.APPLIED: RunState.APPLIED,
 }
-"""Where `resume` is possible for failed sheets alone, and the state after it."""
+"""States in which `resume` only retries failed sheets, and the state after it."""
 TRANSITIONS: Mapping[RunAction, Mapping[RunState, RunState]] = {
     RunAction.START: {RunState.DRAFT: RunState.SCORING},
     RunAction.PAUSE: {RunState.SCORING: RunState.PAUSED},
@@ -84,16 +84,16 @@ TRANSITIONS: Mapping[RunAction, Mapping[RunState, RunState]] = {
         RunState.READY: RunState.CANCELLED,
     },
 }
-"""From which state an action leads to which: records, API and pages go by this table.
+"""State transitions of each action: records, API and pages use this table.
 
-Besides, scoring becomes `ready` by itself, when every sheet is there and the new board is built.
+In addition, scoring becomes `ready` by itself when every sheet exists and the new board is built.
 """
 
 
 def next_states(
     action: RunAction, *, has_failed: bool, kind: RunKind = RunKind.UPDATE
 ) -> Mapping[RunState, RunState]:
-    """Return from which states an action is possible, and where it leads."""
+    """Return the states in which an action is possible, and the state that each leads to."""
     if kind is RunKind.VERIFICATION and action is not RunAction.CANCEL:
         return {}
     retries = RETRIES if action is RunAction.RESUME and has_failed else {}
@@ -103,7 +103,7 @@ def next_states(
 def actions_of(
     state: RunState, *, has_failed: bool, kind: RunKind = RunKind.UPDATE
 ) -> tuple[RunAction, ...]:
-    """Return what may be done with a run; what else stands in the way, its blockers say."""
+    """Return the possible actions on a run; its blockers say what else prevents them."""
     return tuple(
         action
         for action in RunAction
@@ -131,7 +131,7 @@ class Progress(Document):
 
     @property
     def words(self) -> str:
-        """How far it is: `120 of 200 sheets, 3 failed, 4.1 a second, about 20 s left`."""
+        """Progress in words: `120 of 200 sheets, 3 failed, 4.1 a second, about 20 s left`."""
         parts = [f"{self.done:,} of {counted(self.total, 'sheet')}"]
         if self.failed:
             parts.append(f"{self.failed:,} failed")
@@ -158,7 +158,7 @@ class SplitTrial(Document):
 
     @property
     def sentence(self) -> str:
-        """What came of it."""
+        """The result in a sentence."""
         if self.state == "waiting":
             return "A worker will try the split under the new protocol or revision."
         if self.state == "fits":
@@ -221,7 +221,7 @@ class Standing(Document):
 
     @property
     def place(self) -> str:
-        """`rank 3`, or that there is none and why."""
+        """`rank 3`, or that it has no rank and why."""
         if self.rank is not None:
             return f"rank {self.rank}"
         return f"not ranked: {self.unranked_because}" if self.unranked_because else "not ranked"
@@ -247,12 +247,12 @@ class EntryChange(Document):
 
     @property
     def old_rank(self) -> int | None:
-        """The rank before; None of an entry that was not there, or took none."""
+        """The former rank; None if the entry did not exist or was unranked."""
         return self.old.rank if self.old else None
 
     @property
     def new_rank(self) -> int | None:
-        """The rank after; None of an entry that is not there, or takes none."""
+        """The new rank; None if the entry does not exist or is unranked."""
         return self.new.rank if self.new else None
 
 
@@ -277,12 +277,12 @@ class Comparison(Document):
 
     @property
     def n_newly_ranked(self) -> int:
-        """How many get a rank that had none."""
+        """Number of entries that are ranked now and were not before."""
         return sum(one.old_rank is None and one.new_rank is not None for one in self.entries)
 
     @property
     def no_longer_ranked(self) -> dict[str, str]:
-        """Submissions that lose their rank, and how they stand instead."""
+        """Submissions that lose their rank, with their new standing."""
         return {
             one.submission_id: one.new.place if one.new else "not on the board"
             for one in self.entries
@@ -291,7 +291,7 @@ class Comparison(Document):
 
     @property
     def digest(self) -> str:
-        """Digest of everything it says: what an organizer saw is what is applied."""
+        """Digest of the whole content, to ensure that exactly what was previewed is applied."""
         return content_digest(self)
 
 
@@ -313,7 +313,7 @@ class PreviewView(Document):
 
 
 def page_of(comparison: str) -> str:
-    """Return the address of the page on which people read what the API tells at the address of a comparison."""
+    """Return the address of the page that shows people the comparison at an API address."""
     return comparison.removeprefix("/api/v1")
 
 

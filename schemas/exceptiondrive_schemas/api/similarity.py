@@ -1,4 +1,4 @@
-"""Which submissions are alike: for organizers alone, sums over samples, nothing of any sample."""
+"""Similar submissions: for organizers alone, sums over samples, nothing about any one of them."""
 
 from datetime import datetime
 from typing import Annotated

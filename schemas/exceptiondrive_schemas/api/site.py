@@ -1,4 +1,4 @@
-"""What holds for the whole site: the links that organizers set, and whether scoring keeps up."""
+"""Information about the whole site: the organizers' links, and whether scoring keeps up."""
 
 from datetime import date, datetime
 from typing import Literal
@@ -32,7 +32,7 @@ class SiteLinks(Document):
 
     @property
     def contact_url(self) -> str:
-        """Where the contact link leads to."""
+        """The target of the contact link."""
         is_mail = self.contact and not self.contact.startswith("https://")
         return f"mailto:{self.contact}" if is_mail else self.contact
 

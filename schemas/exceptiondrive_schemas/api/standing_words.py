@@ -1,4 +1,4 @@
-"""Numbers of entries in the words of a message: with units and ranges, as the board shows them."""
+"""Numbers of entries in the text of a message: with units and ranges, as the board shows them."""
 
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
@@ -29,10 +29,10 @@ def ranked_words(
 def standing_words(
     challenge: Challenge | None, standing: "Standing | None", *, before: "Standing | None" = None
 ) -> str:
-    """Say how an entry stands on a board: rank and its range, then the metrics that rank.
+    """Describe an entry's standing on a board: rank and its range, then the metrics that rank.
 
-    Where that is what it says of `before`, what else is another number follows. A message of an older
-    release names no challenge, and tells the rank alone.
+    If that equals the description of `before`, other changed numbers follow. A message of an older
+    release names no challenge, and gives the rank only.
     """
     words = _standing_words(challenge, standing)
     if challenge and standing and before and words == _standing_words(challenge, before):
@@ -46,7 +46,7 @@ def other_changes(
     new: "Standing",
     publication: PublicationSection | None = None,
 ) -> Iterator[str]:
-    """Name what changes of an entry whose ranking numbers stay: `HPR 18.13 % (was 18.24 %)`."""
+    """Name the other changes of one with equal ranking metrics: `HPR 18.13 % (was 18.24 %)`."""
     is_named = False
     for metric in challenge.metrics:
         if metric.key in old.metrics.keys() & new.metrics.keys():
@@ -76,7 +76,7 @@ def _standing_words(challenge: Challenge | None, standing: "Standing | None") ->
 
 
 def effect_words(challenge: Challenge, changes: MetricRow) -> Iterator[str]:
-    """Yield what a reminder changed, of shares in points: `by the reminder Accuracy +7.50 points`."""
+    """Yield the effect of a reminder, shares in points: `by the reminder Accuracy +7.50 points`."""
     for key, value in changes.items():
         if value is not None:
             metric = challenge.metric(key)
@@ -88,7 +88,7 @@ def effect_words(challenge: Challenge, changes: MetricRow) -> Iterator[str]:
 def _range_text(
     metric: Metric, interval: Interval | None, publication: PublicationSection | None
 ) -> str:
-    """Write a range; one in whole per cents, as of withheld splits, claims no decimals."""
+    """Write a range; one in whole per cents, as on withheld splits, gets no decimals."""
     if interval is None:
         return ""
     low, high = interval

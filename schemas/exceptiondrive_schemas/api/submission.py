@@ -37,7 +37,7 @@ class SubmissionStatus(StrEnum):
 
 
 WAITING = (SubmissionStatus.RECEIVED, SubmissionStatus.QUEUED, SubmissionStatus.SCORING)
-"""Before scoring has ended."""
+"""States before scoring has ended."""
 
 
 class QueuePlace(Document):
@@ -141,12 +141,12 @@ class SubmissionView(Document):
 
     @property
     def is_asked(self) -> bool:
-        """Whether its file is sound, and its team has to say yes before it counts."""
+        """Whether its file is sound, but its team must confirm before it counts."""
         return self.status is SubmissionStatus.REJECTED and self.confirm_until is not None
 
     @property
     def no_rank_to_come(self) -> str | None:
-        """Why the board that it awaits will give it no rank, where its file tells that."""
+        """Why the next board will not rank it, if its file shows that."""
         return self.report.unranked_because if self.awaits_board and self.report else None
 
 
@@ -181,7 +181,7 @@ class Quota(Document):
 
     @property
     def left_in_all(self) -> int | None:
-        """How many more the phase ever takes; None without such a limit."""
+        """How many more submissions the phase accepts in total; None without such a limit."""
         return None if self.total is None else max(0, self.total - self.used_total)
 
     @property
@@ -196,19 +196,19 @@ class Quota(Document):
 
     @property
     def is_spent(self) -> bool:
-        """Whether nothing more can be submitted today."""
+        """Whether today's quota is used up."""
         return self.remaining_today == 0 or self.left_of_rejected == 0
 
     @property
     def is_bound_in_all(self) -> bool:
-        """Whether the limit of all leaves fewer than that of the day does: no new day resets it."""
+        """Whether the total limit leaves fewer than today's: no new day resets it."""
         left = self.left_in_all
         return left is not None and left < self.per_day - self.used_today
 
     def left_words(self, what: str = "") -> str:
-        """Say what is left, by the limit that binds: `3 of 5 today`, or `2 of 20 in all`.
+        """Say what is left, by the stricter limit: `3 of 5 today`, or `2 of 20 in all`.
 
-        `what` stands behind the numbers, such as ` left`.
+        `what` follows the numbers, such as ` left`.
         """
         if self.is_bound_in_all:
             return f"{self.left_in_all} of {self.total}{what} in all"
@@ -220,7 +220,7 @@ class PhaseView(PhaseSettings):
 
     id: str
     challenge: ChallengeId
-    title: str  # texts of any length: bounds are for those who write
+    title: str  # unbounded here: limits apply to writers
     description: str = ""
     split: str
     split_revision: str
@@ -246,7 +246,7 @@ class PhaseView(PhaseSettings):
 
     @property
     def takes_late_entries(self) -> bool:
-        """Whether it is closed to the asking team, and what comes now stands on the late view."""
+        """Whether it is closed to the asking team, and new entries go to the late view."""
         return not self.is_open and self.now is not None and self.now.takes_late_entries
 
     @property
@@ -256,7 +256,7 @@ class PhaseView(PhaseSettings):
 
     @property
     def takes_files(self) -> bool:
-        """Whether what the asking team sends now is taken, for the board or for the late view."""
+        """Whether uploads of the asking team are accepted, for the board or for the late view."""
         return self.disqualified_at is None and (self.is_open or self.takes_late_entries)
 
 

@@ -1,7 +1,7 @@
 """Check of submission files: one validator for client and worker, in pure Python.
 
-`check` reads a file once and finds all faults, or gives its content. Every fault code, with its
-sentence and a real report, stands in docs/errors.md.
+`check` reads a file once and either finds all faults or returns its content. Every fault code, with
+its sentence and a real report, is in docs/errors.md.
 """
 
 from exceptiondrive_schemas.check.answers import (

@@ -1,6 +1,6 @@
-"""What a sound file says, ready for scoring: one answer per sample, without a second parse."""
+"""The content of a sound file, ready for scoring: one answer per sample, without a second parse."""
 
-from __future__ import annotations  # array[float] is no runtime type before 3.12
+from __future__ import annotations  # array[float] is not subscriptable at runtime before 3.12
 
 import math
 from array import array
@@ -21,11 +21,11 @@ class TrajectoryPair(NamedTuple):
 
 
 class PairsOfColumns(Mapping[str, TrajectoryPair]):
-    """Pairs by sample id of a file that leaves no trajectory out, cut out of its columns one by one.
+    """Pairs by sample id of a file without missing trajectories, cut lazily out of its columns.
 
     Args:
-        sample_ids: Of N samples, each once.
-        source: N * T * 2 numbers, metres, one trajectory behind the other.
+        sample_ids: Ids of N samples, each once.
+        source: N * T * 2 numbers, metres, one trajectory after the other.
         edited: The same.
         n_waypoints: T.
     """
@@ -54,7 +54,7 @@ class PairsOfColumns(Mapping[str, TrajectoryPair]):
 
 
 class StrategyAnswer(NamedTuple):
-    """Strategy of one sample, None where missing, and what the Reminder Agent said."""
+    """Strategy of one sample, None where missing, and the record of the Reminder Agent."""
 
     strategy: Strategy | None
     reminder: ReminderRecord | None
@@ -62,7 +62,7 @@ class StrategyAnswer(NamedTuple):
 
 @dataclass(frozen=True)
 class CheckedDocument:
-    """A sound file: the name of its split, and sample id to what it says of that."""
+    """A sound file: the name of its split, and its answer by sample id."""
 
     challenge: ClassVar[ChallengeId]
     split: str
@@ -78,7 +78,7 @@ class PlanningDocument(CheckedDocument):
     n_waypoints: int
 
     def columns(self, sample_ids: Sequence[str]) -> dict[str, array[float]]:
-        """Columns `source` and `edited` in the order of `sample_ids`.
+        """Return the columns `source` and `edited` in the order of `sample_ids`.
 
         Returns:
             Two flat arrays of N * T * 2 float64, metres, NaN where missing; as numpy:

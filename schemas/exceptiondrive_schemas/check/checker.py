@@ -55,13 +55,13 @@ OTHER_DOCUMENTS: Mapping[str, str] = {
     "exceptiondrive.manifest/1": "the manifest, which lists the samples to answer",
     "exceptiondrive.receipt/1": "a receipt",
 }
-"""Documents of ours that are no submissions, by their schema."""
+"""Documents of this project that are no submissions, by their schema."""
 
 
 def check_schema(
     value: object, wanted: ChallengeId | None, faults: FaultList
 ) -> ChallengeId | None:
-    """Check what stands under `schema`; return the challenge that the file names, if there is one."""
+    """Check the value of `schema`; return the challenge that the file names, if it exists."""
     named = _challenge_of(value)
     if named is not None and wanted in (None, named):
         return named
@@ -89,14 +89,14 @@ def check_schema(
 
 
 def _is_newer(schema: str) -> bool:
-    """Whether it is a form of ours with a higher number."""
+    """Whether it is one of this project's forms with a higher number."""
     name, _, number = schema.partition("/")
     ours = {each.file_schema.partition("/")[0] for each in CHALLENGES.values()}
     return name in ours and number.isdecimal() and int(number[:6]) > 1
 
 
 def find_challenge(stream: JsonStream) -> ChallengeId | None:
-    """Look for `schema` behind the predictions, whose rules depend on it."""
+    """Look for `schema` after the predictions, whose rules depend on it."""
     try:
         for key in members(stream):
             if key == "schema":
@@ -113,7 +113,7 @@ def _challenge_of(value: object) -> ChallengeId | None:
 
 
 def check_split_name(value: object, manifest: Manifest | None, faults: FaultList) -> None:
-    """Check what stands under `split`: the manifest's name, or any legal name without one."""
+    """Check the value of `split`: the manifest's name, or any legal name without a manifest."""
     expected = quoted(manifest.name) if manifest else "a split name such as nuscenes-test"
     if not isinstance(value, str):
         hint = convert_advice(manifest)
@@ -123,7 +123,7 @@ def check_split_name(value: object, manifest: Manifest | None, faults: FaultList
 
 
 def is_split_name(value: str, manifest: Manifest | None) -> bool:
-    """Whether it is the name of the manifest's split, or without a manifest any legal one."""
+    """Whether it is the name of the manifest's split, or any legal one without a manifest."""
     if manifest is not None:
         return value == manifest.name
     return re.fullmatch(SPLIT_NAME_PATTERN, value) is not None
@@ -146,7 +146,7 @@ def report_repeated_keys(value: Any, path: Path, faults: FaultList) -> None:
 
 ROOT_KEYS = ("schema", "split", "predictions")
 OUR_KEYS = ("sample_id", "source", "edited", "strategy")
-"""Of predictions."""
+"""Keys of predictions."""
 A_COMMENT = "looks like a comment: JSON has none, remove it"
 CLOSING = ('"]', '"}')
 AFTER_A_COMMA = (
@@ -155,15 +155,15 @@ AFTER_A_COMMA = (
     "no comma before the end of an object",
     "no comma before the end of a list",
 )
-"""What is expected where one stood before a closing bracket."""
+"""What is expected after a comma that stands before a closing bracket."""
 COMMENTS = ('"//', '"/*', '"#')
 MAX_HEADER_BYTES = 1024
 CSV_DELIMITERS: Mapping[bytes, str] = {b",": "commas", b";": "semicolons", b"\t": "tabs"}
 CSV_COLUMNS = ("sample_id", "trajectory", "step", "x_m", "y_m")
-"""Of the CSV files that `exceptiondrive convert` reads."""
+"""Columns of the CSV files that `exceptiondrive convert` reads."""
 MIN_CSV_DELIMITERS = 2
 MIN_IDS_AS_KEYS = 2
-"""So many objects under keys that do not belong there, and none that does: ids stand as keys."""
+"""With so many objects under unknown keys, and none under a known one, the keys are sample ids."""
 OTHER_NAMES: Mapping[str, tuple[str, ...]] = {
     "sample_id": ("id", "token", "sample", "sample_token"),
     "source": ("src", "original", "clean", "before", "trajectory", "prediction", "pred"),
@@ -171,18 +171,18 @@ OTHER_NAMES: Mapping[str, tuple[str, ...]] = {
     "strategy": ("answer", "action", "decision"),
 }
 BARE_LIST = re.compile(rb"\s*(?:\[\s*){1,2}\{")
-"""What a list of predictions begins with, also where `cat` made one file of several."""
+"""The beginning of a list of predictions, also if `cat` joined several files."""
 ROOT_OF_JSON = re.compile(rb"^[ \t]*\{\s*\"(?:schema|split|predictions)\"", re.MULTILINE)
 
 
 def convert_advice(manifest: Manifest | None) -> str:
-    """Say how a file that names no split becomes a submission."""
+    """Say how a file that names no split is converted to a submission."""
     name = manifest.name if manifest else "NAME"
     return f"{CONVERT} --split {name}` makes a submission of it"
 
 
 def two_runs_advice(manifest: Manifest | None) -> str:
-    """Say how two runs of a planner, on the source and on the edited inputs, become a submission."""
+    """Say how two runs of a planner, on source and edited inputs, are combined to a submission."""
     name = manifest.name if manifest else "NAME"
     return (
         "with that on the edited inputs it becomes a submission: `exceptiondrive convert "
@@ -191,7 +191,7 @@ def two_runs_advice(manifest: Manifest | None) -> str:
 
 
 def meant_key(written: str, absent: Collection[str]) -> str | None:
-    """Return the absent key that was probably meant."""
+    """Return the missing key that was probably meant."""
     word = written.lower()
     for key in absent:
         if word in OTHER_NAMES.get(key, ()) or key in word:
@@ -201,25 +201,25 @@ def meant_key(written: str, absent: Collection[str]) -> str | None:
 
 
 def _is_of_predictions(value: object) -> bool:
-    """Whether it is a prediction, or has them under their own key."""
+    """Whether it is a prediction, or holds predictions under one of our keys."""
     return isinstance(value, Mapping) and (
         "predictions" in value or any(map(challenge_by_key, value))
     )
 
 
 def _is_of_points(value: object) -> bool:
-    """Whether a list that begins with it may be a trajectory."""
+    """Whether a list that begins with this value may be a trajectory."""
     return is_number(value) or isinstance(value, list)
 
 
 class _TooManyFaultsError(Exception):
-    """No more faults are worth counting."""
+    """There are too many faults to count more."""
 
 
 class SubmissionReader:
     """One reading of one file.
 
-    Challenge and split are what the file says it is for, the split shortened and escaped.
+    `challenge` and `split` are what the file names; the split is shortened and escaped.
     """
 
     def __init__(
@@ -272,7 +272,7 @@ class SubmissionReader:
         return self._sound_document()
 
     def _read_sound(self) -> bool:
-        """Take a planning file at once in which no place has to be named; whether it is one."""
+        """Read a planning file on the fast path, without places; return whether that worked."""
         columns = planning_columns(self._data, self._protocol.geometry.waypoints)
         if columns is None or self._wanted not in (None, PLANNING.id):
             return False
@@ -287,7 +287,7 @@ class SubmissionReader:
         return True
 
     def _tell_one_cause(self) -> None:
-        """Leave out faults that are there only because of another one."""
+        """Remove faults that are only consequences of another one."""
         if self._ids.are_of_another_split and self.faults.has(FaultCode.WRONG_SPLIT):
             self.faults.forget(FaultCode.UNKNOWN_SAMPLE)
         for key, n_absent in self._absent.items():
@@ -352,7 +352,7 @@ class SubmissionReader:
         return True
 
     def _refuse_log(self) -> bool:
-        """Say that other lines stand before the JSON object, if they do."""
+        """Report other lines before the JSON object, if there are any."""
         begins = ROOT_OF_JSON.search(self._data)
         if begins is None or self._data[: begins.start()].strip() == b"[":
             return False
@@ -366,7 +366,7 @@ class SubmissionReader:
         return True
 
     def _refuse_other_form(self) -> None:
-        """Say what a document without any of our keys looks like, in place of its many faults."""
+        """Describe a document without any known key, in place of its many faults."""
         hint = f"looks like another form of it; {self._convert_hint}"
         if len(self._wrapped_in) == 1:
             hint = "write what is under it alone into the file"
@@ -403,7 +403,7 @@ class SubmissionReader:
             self._look_into(key)
 
     def _look_into(self, key: str) -> None:
-        """Read over what stands under a foreign key, and note whether it may be the whole file."""
+        """Skip the value of an unknown key, and note whether it may be the whole file."""
         first = self._stream.peek()
         if first not in ("{", "["):
             self._stream.value()
@@ -549,7 +549,7 @@ class SubmissionReader:
         return convert_advice(self._manifest)
 
     def _form_hint(self, error: JsonStreamError) -> str | None:
-        """Say what a file that is no JSON probably is."""
+        """Say what a file that is not JSON probably is."""
         if error.code is not FaultCode.NOT_JSON:
             return None
         if error.got.startswith(COMMENTS):
@@ -582,7 +582,7 @@ UTF8_BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 
 @dataclass(frozen=True)
 class Checked:
-    """The outcome of a check: the report, and what the file says, None where anything is wrong."""
+    """The outcome of a check: the report, and the file's content, None if anything is wrong."""
 
     report: CheckReport
     document: CheckedDocument | None
@@ -598,19 +598,19 @@ def check(
     max_inflated_bytes: int = MAX_INFLATED_BYTES,
     foretells_rank: bool = True,
 ) -> Checked:
-    """Check a submission file and keep what it says.
+    """Check a submission file and return its content.
 
-    Never raises for anything that is in the file, never holds more than a few times its inflated
-    size, and reads it once.
+    Raises nothing for any content of the file, uses at most a few times its inflated size of
+    memory, and reads it once.
 
     Args:
         data: The file, plain JSON or gzip.
         protocol: Gives waypoints, bounds, tasks and the frame check.
         manifest: Sample ids of the split; without it ids are only checked for duplicates.
-        challenge: The challenge that the file must be for, where the manifest names none; any, if None.
+        challenge: The challenge that the file must be for if the manifest names none; None: any.
         max_upload_bytes: Most bytes of the file itself.
         max_inflated_bytes: Most bytes of JSON in it.
-        foretells_rank: Whether to say why it would not be ranked; a score, if it follows, tells that better.
+        foretells_rank: Whether to say why it would not be ranked; needless if a score follows.
     """
     faults = FaultList()
     wanted = (manifest and manifest.challenge) or challenge
@@ -623,7 +623,7 @@ def check(
         hint = convert_advice(manifest) if error.got in CONVERTIBLE else None
         faults.add(error.code, (), expected=error.expected, got=error.got, hint=hint)
         return Checked(_report_of(data, faults), None)
-    if b'"strategy"' in text and b'"edited"' not in text:  # however wrong: no conversion makes one
+    if b'"strategy"' in text and b'"edited"' not in text:  # conversion cannot help
         faults.is_convertible = False
     reader = SubmissionReader(
         _without_byte_order_mark(text, faults),

@@ -1,4 +1,4 @@
-"""Whether recorded drives may be what cars drove, in the ego frame, in metres: asked of their maker."""
+"""Plausibility of recorded drives (ego frame, metres, drivable), checked when a split is made."""
 
 import math
 from collections.abc import Sequence
@@ -12,14 +12,14 @@ from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.submission_files import Trajectory
 
 MIN_DRIVES = 3
-"""Of fewer, a car that backs out may be most."""
+"""With fewer drives, a car that backs out may be the majority."""
 
 
 def drives_fault(drives: Sequence[Trajectory], protocol: ProtocolDocument) -> str | None:
-    """Say why paths with the waypoints of the protocol are no recorded drives; None where they may be.
+    """Say why paths with the protocol's waypoints are no recorded drives; None if they may be.
 
-    They are refused as the source trajectories of an upload are, in another frame or unit; and where no
-    car makes most of those that move, which tells of few drives too.
+    They are refused for another frame or unit, like the source trajectories of an upload, and if no
+    car could drive most of those that move, which is checked for few drives, too.
     """
     tracks = Tracks.of(list(map(chain.from_iterable, drives)), protocol.geometry.waypoints)
     faults = FaultList()
@@ -37,9 +37,9 @@ def drives_fault(drives: Sequence[Trajectory], protocol: ProtocolDocument) -> st
 
 
 def not_driven(drives: Tracks, protocol: ProtocolDocument) -> set[int]:
-    """Which drives no car makes: by their motion, a step that is too long, or one that sets off aside.
+    """Return drives that no car makes: by their motion, too long a step, or a sideways start.
 
-    A car that stands makes what is measured of it: centimetres to all sides.
+    A standing car is exempt: its measured drive scatters by centimetres to all sides.
     """
     geometry, section = protocol.geometry, protocol.plausibility
     found = undrivable_rows(drives, protocol)

@@ -1,8 +1,8 @@
-"""What all fast readers share: strict decoding into a fixed shape, unique keys, alignment.
+"""Shared by all fast readers: strict decoding into a fixed shape, unique keys, alignment.
 
-No parser reports that a key stands twice; the last one wins. But a fixed shape fixes how many texts
-a file holds, and where no backslash occurs every text has exactly two quotation marks. So counting
-those marks proves that every key stands once.
+No parser reports a repeated key; the last one wins. But a fixed shape fixes the number of strings
+in a file, and without backslashes every string has exactly two quotation marks. So counting those
+marks proves that no key is repeated.
 """
 
 from collections.abc import Sequence
@@ -44,7 +44,7 @@ WHOLE_PREDICTIONS = submission_decoder(msgspec.Raw)
 
 
 def are_short(text: bytes) -> bool:
-    """Whether no prediction of a file that could be decoded is longer than the precise checker takes.
+    """Whether no prediction of a decodable file is longer than the precise checker accepts.
 
     Blanks are included.
     """
@@ -54,7 +54,7 @@ def are_short(text: bytes) -> bool:
 
 
 def decode(text: bytes, decoder: msgspec.json.Decoder[Any], file_schema: str) -> DecodedFile | None:
-    """Decode a file for this schema; None where it does not fit, or calls for the precise checker."""
+    """Decode a file of this schema; None if it does not fit, or needs the precise checker."""
     if b"\\" in text or not text.isascii():
         return None
     try:
@@ -65,12 +65,12 @@ def decode(text: bytes, decoder: msgspec.json.Decoder[Any], file_schema: str) ->
 
 
 def n_texts(text: bytes) -> float:
-    """Number of JSON texts, keys included, of a document without a backslash."""
+    """Return the number of JSON strings, keys included, of a document without a backslash."""
     return text.count(b'"') / 2
 
 
 def rows_of(sample_ids: Sequence[str], manifest: Manifest) -> Sequence[int] | None:
-    """Return where each prediction belongs in the manifest's order; None unless it is one-to-one."""
+    """Return the position of each prediction in the manifest's order; None unless one-to-one."""
     if tuple(sample_ids) == manifest.sample_ids:
         return range(len(sample_ids))
     row_of_id = {sample_id: row for row, sample_id in enumerate(manifest.sample_ids)}

@@ -1,8 +1,8 @@
-"""Collects faults while a file is read: every one is counted, and every sample that has one.
+"""Collects faults while a file is read: all are counted, and all affected samples.
 
-Of each code the first examples are kept, one of a sample.
+The first examples of each code are kept, at most one per sample.
 
-A value of the file is shown short, on one line, escaped.
+Values of the file are shown shortened, on one line, escaped.
 """
 
 import json
@@ -23,8 +23,8 @@ JSON_KINDS = {bool: "a boolean", int: "a number", float: "a number", str: "text"
 def escaped(text: str) -> str:
     r"""Return at most 60 characters of `text`, all of them printable.
 
-    Control characters, lone surrogates and invisible or direction-turning marks become `\uXXXX`:
-    what the reader sees is what the file holds, and it can be printed anywhere.
+    Control characters, lone surrogates and invisible or bidirectional marks become `\uXXXX`: the
+    reader sees what the file contains, and it can be printed anywhere.
     """
     shown = (
         character if character.isprintable() else f"\\u{ord(character):04x}"
@@ -34,7 +34,7 @@ def escaped(text: str) -> str:
 
 
 def quoted(text: str) -> str:
-    """Return `text` in quotes; a long one is cut, and its length told."""
+    """Return `text` in quotes; a long one is cut, and its length given."""
     if len(text) <= MAX_SHOWN_CHARACTERS:
         return f'"{escaped(text)}"'
     return f'"{escaped(text)}..." ({len(text):,} characters)'
@@ -54,7 +54,7 @@ def shown(value: Any) -> str:
 
 
 def kind(value: Any) -> str:
-    """Return the JSON kind of a value with an article, to stand after "got"."""
+    """Return the JSON kind of a value with an article, to follow "got"."""
     return JSON_KINDS.get(type(value), shown(value))
 
 
@@ -71,12 +71,12 @@ def _step(part: str | int) -> str:
 
 
 MAX_EXAMPLES_IN_REPORT = 50
-"""Examples of all codes together: they bound the size of a report."""
+"""Maximum of examples of all codes together, which bounds the size of a report."""
 MIN_EXAMPLES_PER_CODE = 3
 MAX_SAMPLE_IDS_IN_REPORT = 25_000
-"""Of all codes together, like the examples: eight kinds of faults in every sample of 3,181."""
+"""Maximum for all codes together: eight kinds of faults in every sample of 3,181."""
 FEW_SAMPLES = 0.1
-"""A fault in at most this share of the samples is the planner's, not the file's."""
+"""A fault in at most this share of the samples is the planner's, not one of the whole file."""
 WRITE_NULL_CODES = frozenset(
     {
         FaultCode.NON_FINITE,
@@ -86,13 +86,13 @@ WRITE_NULL_CODES = frozenset(
         FaultCode.WRONG_WAYPOINT_SHAPE,
     }
 )
-"""What a planner that failed on a sample writes."""
+"""Faults of values that a planner writes for samples on which it failed."""
 MAX_FAULTS = 100_000
-"""Reading stops here: it bounds the time that a hostile file can take (about 2 s). Above every
-coordinate of 3,181 samples with both trajectories (76,344), so honest files are counted whole."""
+"""Reading stops here, which bounds the time for a hostile file (about 2 s). The limit is above all
+coordinates of 3,181 samples with both trajectories (76,344), so honest files are counted fully."""
 
 BY_CONVERT = re.compile(r"[;:]? ?`exceptiondrive convert FILE.*")
-"""What a hint says of conversion."""
+"""The part of a hint that suggests conversion."""
 
 Path = tuple[str | int, ...]
 
@@ -101,7 +101,7 @@ class FaultList:
     """The faults of one file. Holds a bounded number of examples, however many faults there are."""
 
     is_convertible = True
-    """Whether `exceptiondrive convert` reads such files; else no hint leads there."""
+    """Whether `exceptiondrive convert` reads such files; otherwise no hint suggests it."""
 
     def __init__(self) -> None:
         self._counts: dict[FaultCode, int] = {}
@@ -119,7 +119,7 @@ class FaultList:
 
     @property
     def is_full(self) -> bool:
-        """Whether it is no use to read further."""
+        """Whether there are enough faults to stop reading."""
         return len(self) >= MAX_FAULTS
 
     def add(
@@ -131,10 +131,10 @@ class FaultList:
         sample_id: str | None = None,
         hint: str | None = None,
     ) -> None:
-        """Count a fault, and keep it while there is room.
+        """Count a fault, and keep it as an example while there is room.
 
-        The path is of keys and indices from the root of the document. What stands there, and the id of
-        the sample, are shortened and escaped already.
+        `path` consists of keys and indices from the root of the document. `got` and the id of the
+        sample are already shortened and escaped.
         """
         self._counts[code] = self._counts.get(code, 0) + 1
         is_new = sample_id is None or self._note_sample(code, sample_id)
@@ -148,20 +148,20 @@ class FaultList:
             examples.append(fault)
 
     def count(self, code: FaultCode, sample_ids: Iterable[str]) -> None:
-        """Count a fault in each of these samples, beyond the examples that were added."""
+        """Count a fault in each of these samples, in addition to the examples."""
         for sample_id in sample_ids:
             self._counts[code] = self._counts.get(code, 0) + 1
             self._note_sample(code, sample_id)
 
     def _note_sample(self, code: FaultCode, sample_id: str) -> bool:
-        """Note that a sample has such a fault; return whether it is the first of the sample."""
+        """Note that a sample has such a fault; return whether it is its first one."""
         known = self._sample_ids.setdefault(code, {})
         n_before = len(known)
         known.setdefault(sample_id)
         return len(known) > n_before
 
     def forget(self, *codes: FaultCode) -> None:
-        """Leave out faults whose cause is told by another one."""
+        """Remove faults that another one explains."""
         for code in codes:
             for kept in (self._counts, self._examples, self._sample_ids, self._sentences):
                 kept.pop(code, None)
@@ -171,15 +171,15 @@ class FaultList:
         return code in self._counts
 
     def n_samples(self, code: FaultCode) -> int:
-        """In how many samples there is such a fault."""
+        """Return the number of samples with such a fault."""
         return len(self._sample_ids.get(code, ()))
 
     def say(self, code: FaultCode, sentence: str) -> None:
-        """Replace the sentence of a code by one that knows more about this file."""
+        """Replace the sentence of a code by a more specific one for this file."""
         self._sentences[code] = sentence
 
     def advise(self, code: FaultCode, instead_of: str, hint: str) -> None:
-        """Replace what the examples of a code advise, where more is known at the end."""
+        """Replace the hint in the examples of a code, when more is known at the end."""
         self._examples[code] = [
             example.model_copy(update={"hint": hint}) if example.hint == instead_of else example
             for example in self._examples.get(code, ())
@@ -190,8 +190,8 @@ class FaultList:
     ) -> tuple[FaultGroup, ...]:
         """Return all faults, grouped by code in the order of `FaultCode`.
 
-        Where `is_of_planner`, a fault in few samples is the planner's nonsense, and not due to one mistake
-        of the whole file.
+        With `is_of_planner`, a fault in few samples counts as the planner's, not as one mistake of
+        the whole file.
         """
         per_code = MAX_EXAMPLES_IN_REPORT // max(len(self._counts), 1)
         kept = min(MAX_EXAMPLES, max(per_code, MIN_EXAMPLES_PER_CODE))
@@ -248,7 +248,7 @@ def check_text(
     max_characters: int,
     allowed: frozenset[str] = LINE_BREAKS,
 ) -> bool:
-    """Check a text; tell whether it is sound."""
+    """Check a text; return whether it is sound."""
     if not isinstance(value, str):
         faults.add(
             FaultCode.WRONG_TYPE, path, expected="text", got=kind(value), sample_id=sample_id

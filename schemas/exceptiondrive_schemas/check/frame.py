@@ -1,6 +1,6 @@
-"""Whether trajectories are in the ego frame, in metres: one verdict over a whole file.
+"""Frame check: whether trajectories are in the ego frame, in metres; one verdict per file.
 
-Only source trajectories are looked at (docs/protocol.md section 5).
+Only source trajectories are used (docs/protocol.md section 5).
 """
 
 import math
@@ -19,15 +19,15 @@ from exceptiondrive_schemas.protocol import ProtocolDocument
 DEGREES_EXTENT = 0.01
 """A drive of 3 s spans less than this in degrees, and more in metres unless the car stands."""
 FAR_M = 100.0
-"""No car is so far from its own origin half a second later."""
+"""Metres that no car covers from its own origin in half a second."""
 EXTENTS_AWAY = 3.0
-"""A position that is so many drives away from the origin does not begin there."""
+"""A position this many drive lengths away from the origin is not the start of a drive."""
 SMALLER_UNITS = ("feet", "centimetres", "millimetres")
-"""In which a drive is too fast for a car in metres; the ones that planners write."""
+"""Units in which the numbers of a drive are too fast for metres, of those that planners use."""
 
 
 class FrameCheck:
-    """Where the whole source trajectories of a file, with the waypoints of the protocol, begin and end."""
+    """Start and end points of the complete source trajectories of a file."""
 
     def __init__(self, sources: Tracks, protocol: ProtocolDocument) -> None:
         self._sources, self._protocol = sources, protocol
@@ -37,7 +37,7 @@ class FrameCheck:
 
     @cached_property
     def _medians_m(self) -> tuple[float, float]:
-        """How far from the origin a first waypoint is, and a last one from the first."""
+        """Median distance of the first waypoint from the origin, and of the last from the first."""
         x_m, y_m = self._sources.x_m, self._sources.y_m
         extents_m = map(math.hypot, map(sub, x_m[-1], x_m[0]), map(sub, y_m[-1], y_m[0]))
         return statistics.median(map(math.hypot, x_m[0], y_m[0])), statistics.median(extents_m)
@@ -49,14 +49,14 @@ class FrameCheck:
 
     @property
     def is_of_the_car(self) -> bool:
-        """Whether the trajectories begin at the car: else no drive can be compared with them."""
+        """Whether trajectories start at the car; otherwise they are not comparable with drives."""
         return not self.is_judged or self._not_at_car() is None
 
     def finish(self, faults: FaultList, profile: FileProfile | None) -> None:
-        """Refuse the file where it is in another frame or unit, in place of every number of it.
+        """Refuse a file in another frame or unit, in place of faults for all its numbers.
 
-        Where recorded drives are known the profile tells a frame from its mirror image, and a unit from
-        another.
+        If recorded drives are known, the profile distinguishes a frame from its mirror image, and
+        units from each other.
         """
         if not self.is_judged:
             return
@@ -83,7 +83,7 @@ class FrameCheck:
             )
 
     def _not_at_car(self) -> str | None:
-        """Say what it looks like where the trajectories do not begin at the car."""
+        """Describe the file if its trajectories do not begin at the car."""
         first, extent = self._medians_m
         if extent == 0 and first > 1:
             return (
@@ -103,7 +103,7 @@ class FrameCheck:
         return None
 
     def _too_large(self, mended: str | None) -> str | None:
-        """Say what it looks like where no car is so fast: the smallest unit that makes it one."""
+        """Describe the file if no car is so fast: by the smallest unit that makes it plausible."""
         geometry = self._protocol.geometry
         _, extent = self._medians_m
         speed_mps = extent / (geometry.horizon_s - geometry.time_step_s)
@@ -139,7 +139,7 @@ def _mend_verdict(profile: FileProfile | None) -> str | None:
 
 
 def frame_verdict(angles_rad: Sequence[float], limit_rad: float) -> str:
-    """Say which wrong frame the directions of motion fit best, and how to convert.
+    """Return the wrong frame that best explains the directions of motion, and how to convert.
 
     Args:
         angles_rad: Directions of net motion in the file's own axes, in [-pi, pi].

@@ -1,6 +1,6 @@
-"""Upload bytes to JSON bytes: sizes, gzip, and files of other kinds, which are named by their first bytes.
+"""Upload bytes to JSON bytes: sizes, gzip, and other file types, recognised by their first bytes.
 
-Never inflates past a limit.
+Never inflates beyond a limit.
 """
 
 import codecs
@@ -40,11 +40,11 @@ PICKLE_PROTOCOLS = range(2, 6)
 TAR_MAGIC, TAR_MAGIC_AT = b"ustar", 257
 ZIP_HEAD_BYTES = 256
 ENCODING_HEAD_BYTES = 64
-"""A multiple of the bytes of a character."""
+"""A multiple of the bytes per character."""
 
 
 def wide_encoding(data: bytes) -> str | None:
-    """Return the encoding of UTF-16 or UTF-32 text, with a byte order mark or without."""
+    """Return the encoding of UTF-16 or UTF-32 text, with or without a byte order mark."""
     head = data[:ENCODING_HEAD_BYTES]
     encoding = json.detect_encoding(head)
     if encoding.startswith("utf-8"):
@@ -57,7 +57,7 @@ def wide_encoding(data: bytes) -> str | None:
 
 
 def other_file_kind(data: bytes) -> str | None:
-    """Name the kind, with its article, of an inflated file that is certainly not JSON; else None."""
+    """Name the type, with its article, of an inflated file that is surely not JSON; else None."""
     if data[:1] == b"\x80" and data[1:2] and data[1] in PICKLE_PROTOCOLS:
         return "a Python pickle (never loaded: it could run code)"
     if data.startswith(TAR_MAGIC, TAR_MAGIC_AT):
@@ -80,7 +80,7 @@ GZIP_WINDOW_BITS = 31
 
 @dataclass
 class UnreadableFileError(Exception):
-    """Nothing in the file can be checked further: what belongs there, and what is there, in words."""
+    """The file cannot be checked further; holds the expected and the actual content, in words."""
 
     code: FaultCode
     expected: str
@@ -100,10 +100,10 @@ def inflate(
     """Return the JSON bytes of an upload, which may be gzip-compressed.
 
     Args:
-        data: The file as uploaded; gzip is recognised by its first bytes, never by a name.
+        data: The file as uploaded; gzip is recognised by its first bytes, not by a name.
         max_upload_bytes: Most bytes of the file itself.
-        max_inflated_bytes: Most bytes of what it holds; no more are ever inflated.
-        library: What inflates: `zlib`, or a module with its names and its judgement.
+        max_inflated_bytes: Most bytes of its content; no more are ever inflated.
+        library: The decompressor: `zlib`, or a module with the same interface and errors.
 
     Raises:
         UnreadableFileError: Empty, too large, damaged, or a file of another kind.

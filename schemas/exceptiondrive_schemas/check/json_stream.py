@@ -1,8 +1,8 @@
 """Reads a JSON document value by value, in bounded memory and with strict rules.
 
-The standard decoder builds a whole document at once, which takes some twelve times the memory of
+The standard decoder builds a whole document at once, which takes about twelve times the memory of
 its text, and it keeps the last of two equal keys. Here the caller walks the two outer levels of a
-submission file itself, and the standard decoder sees one short value at a time.
+submission file itself, and the standard decoder parses one short value at a time.
 """
 
 import codecs
@@ -20,10 +20,10 @@ MAX_VALUE_CHARACTERS = 256 * 1024
 """A prediction with 200 waypoints of full precision and with blanks stays below a third of this."""
 CHUNK_BYTES = 1024 * 1024
 LONGEST_TOKEN_START = 16
-"""A decoder error this close to the end of the text in view may be due to that end."""
+"""A decoder error this close to the end of the buffered text may be due to that end."""
 SAFE_INTEGER_DIGITS = 19
 MAX_SKIPPED = 100_000
-"""Values of a list or object that are read over; no split has so many samples."""
+"""Maximum number of skipped values of a list or object; no split has so many samples."""
 
 BLANKS = " \t\n\r"
 _BLANK = re.compile(r"[ \t\n\r]*")
@@ -31,13 +31,13 @@ _NEXT_WORD = re.compile(r"\S{0,20}")
 
 
 class RepeatedKeys(dict[str, Any]):
-    """An object in which a key stood more than once; `repeated` names those keys."""
+    """An object with repeated keys, which `repeated` names."""
 
     repeated: tuple[str, ...] = ()
 
 
 class JsonStreamError(Exception):
-    """The document cannot be read beyond this place."""
+    """The document cannot be read beyond this position."""
 
     def __init__(self, code: FaultCode, expected: str, got: str) -> None:
         self.code, self.expected, self.got = code, expected, got
@@ -49,7 +49,7 @@ def _integer(digits: str) -> int | float:
 
 
 class JsonStream:
-    """A place in a JSON document that only moves forward."""
+    """A position in a JSON document that only moves forward."""
 
     def __init__(self, data: bytes) -> None:
         self._data = data
@@ -61,7 +61,7 @@ class JsonStream:
         self._columns_before = 0
         self._decoder = json.JSONDecoder(object_pairs_hook=self._object, parse_int=_integer)
         self.has_repeated_keys = False
-        """Whether an object in the last value had a key more than once."""
+        """Whether an object in the last value had a repeated key."""
 
     def peek(self) -> str:
         """Skip blanks and return the next character, "" at the end of the document."""
@@ -77,13 +77,13 @@ class JsonStream:
                 return ""
 
     def take(self, character: str) -> bool:
-        """Skip blanks, and the character if it comes next; tell whether it did."""
+        """Skip blanks, and the character if it comes next; return whether it did."""
         is_next = self.peek() == character
         self._at += is_next
         return is_next
 
     def value(self) -> Any:
-        """Decode the value that comes next.
+        """Decode the next value.
 
         Returns:
             None, bool, int, float (NaN and infinities included), str, list or dict; an object with
@@ -113,7 +113,7 @@ class JsonStream:
         return f"line {self._lines_before + newlines + 1:,} column {column + 1:,}"
 
     def not_json(self, expected: str) -> JsonStreamError:
-        """Return the error that says what should have come next instead of what does."""
+        """Return the error that names what was expected in place of what comes next."""
         word = _NEXT_WORD.match(self._text, self._at)
         found = f'"{escaped(word.group())}"' if word and word.group() else "the end of the file"
         return JsonStreamError(FaultCode.NOT_JSON, expected, f"{found} at {self.place()}")
@@ -172,12 +172,12 @@ class JsonStream:
 
 
 def members(stream: JsonStream) -> Iterator[str]:
-    """Walk the object that comes next: yield each key; the caller takes each value."""
+    """Walk the next object: yield each key; the caller takes each value."""
     yield from _items(stream, "{", "}", _key)
 
 
 def elements(stream: JsonStream) -> Iterator[int]:
-    """Walk the list that comes next: yield each index; the caller takes each value."""
+    """Walk the next list: yield each index; the caller takes each value."""
     numbers = count()
     yield from _items(stream, "[", "]", lambda _: next(numbers))
 
@@ -185,9 +185,9 @@ def elements(stream: JsonStream) -> Iterator[int]:
 def skip(
     stream: JsonStream, on_value: Callable[[str | int, Any], None] = lambda _key, _value: None
 ) -> None:
-    """Read over the value that comes next, however long a list or object it is.
+    """Skip the next value, a list or object of any length.
 
-    `on_value` is told each value of the list or object, and its index or key.
+    `on_value` gets the index or key, and the value, of each item.
     """
     first = stream.peek()
     if first not in ("{", "["):

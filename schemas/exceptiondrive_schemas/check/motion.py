@@ -1,6 +1,7 @@
-"""Flags of motion that a planning file tells of before it is scored.
+"""Flags of motion that are known from a planning file before it is scored.
 
-The rules of the scorer (docs/protocol.md section 5) in pure Python: the client has no numpy. What takes families, regions or controls is left to the scorer.
+The scorer's rules (docs/protocol.md section 5) without numpy, which the client lacks. Flags that
+need families, regions or controls are left to the scorer.
 """
 
 import math
@@ -17,7 +18,7 @@ def motion_flags(
 ) -> Iterator[tuple[str, str]]:
     """Yield codes of flags of motion, and why they will be raised.
 
-    All trajectories have the waypoints of the protocol; some samples may have none.
+    All trajectories have the protocol's waypoints; some samples may have none.
     """
     section = protocol.plausibility
     source, edited, n_both = tracks.source, tracks.edited, tracks.n_both
@@ -63,7 +64,7 @@ def _n_behind(tracks: Tracks, reach_m: float) -> int:
 
 
 def undrivable_rows(edited: Tracks, protocol: ProtocolDocument) -> set[int]:
-    """Which ones accelerate too strongly, or turn too tightly where both steps have a heading."""
+    """Return rows that accelerate too much, or turn too tightly while both steps have a heading."""
     geometry, section = protocol.geometry, protocol.plausibility
     most_m = section.max_acceleration_mps2 * geometry.time_step_s**2
     heading_m = geometry.heading_hold_m + geometry.heading_hold_tolerance_m
@@ -84,7 +85,7 @@ def undrivable_rows(edited: Tracks, protocol: ProtocolDocument) -> set[int]:
 
 
 def wrong_first_steps(source_m: Column, edited_m: Column, protocol: ProtocolDocument) -> set[int]:
-    """In which pairs the source's own initial speed does not allow the first edited step."""
+    """Return pairs whose first edited step is impossible at the source's own initial speed."""
     time_s, section = protocol.geometry.time_step_s, protocol.plausibility
     most_mps2, found = section.max_acceleration_mps2, set[int]()
     for row, (from_m, first_m) in enumerate(zip(source_m, edited_m, strict=True)):
@@ -101,7 +102,7 @@ def wrong_first_steps(source_m: Column, edited_m: Column, protocol: ProtocolDocu
 def _low_progress(
     source: Tracks, edited: Tracks, n_both: int, protocol: ProtocolDocument
 ) -> float | None:
-    """Mean progress where it is below the flag's threshold, else None: most files are told by a part."""
+    """Return the mean progress if below the flag's threshold, else None; a part often suffices."""
     section = protocol.plausibility
     n_long = sum(path_m >= section.progress_min_path_m for path_m in source.lengths_m)
     enough = section.flag_progress * n_long
@@ -114,7 +115,7 @@ def _low_progress(
 
 
 def _progress(source: Tracks, edited: Tracks, n_both: int, least_m: float) -> Iterator[float]:
-    """Yield how far along its source each edited trajectory ends, as a share; none for short sources."""
+    """Yield how far along its source each edited trajectory ends, as a share; skip short sources."""
     steps_of = zip(*(zip(*step, strict=True) for step in source.steps), strict=True)
     ends = zip(edited.x_m[-1][:n_both], edited.y_m[-1][:n_both], strict=True)
     for (x, y), path_m, steps in zip(ends, source.lengths_m, steps_of, strict=False):
@@ -122,7 +123,7 @@ def _progress(source: Tracks, edited: Tracks, n_both: int, least_m: float) -> It
             continue
         gone_m, nearest_m, reached_m = 0.0, math.inf, 0.0
         for step_x, step_y, length in steps:
-            square = length * length  # 0 of the tiniest steps, too
+            square = length * length  # underflows to 0 for the tiniest steps, too
             share = (x * step_x + y * step_y) / square if square else 0.0
             share = 0.0 if share < 0.0 else min(share, 1.0)
             gap_m = math.hypot(x - share * step_x, y - share * step_y)

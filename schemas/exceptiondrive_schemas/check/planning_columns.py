@@ -1,8 +1,8 @@
-"""Fast decoding of `exceptiondrive.planning/1`, for client and worker: whole columns, or "not sure".
+"""Fast decoding of `exceptiondrive.planning/1` for client and worker: whole columns, or "not sure".
 
-The decode leaves each trajectory as its own piece of JSON text. What is left of all pieces without
-digits proves the shape of every trajectory at once; what is left without brackets is one flat list
-of numbers. No object is made per waypoint, which is what costs most in JSON.
+Decoding leaves each trajectory as a piece of JSON text. All pieces stripped of digits prove the
+shape of every trajectory at once; stripped of brackets they are one flat list of numbers. No object
+is created per waypoint, which is the main cost of JSON.
 """
 
 from collections.abc import Sequence
@@ -41,8 +41,8 @@ class Side(NamedTuple):
     """The source or the edited trajectories of a file of N predictions with T waypoints each.
 
     Attributes:
-        is_given: (N,) False where null stands.
-        numbers: Of those that are given, one behind the other: x1, y1, x2, y2, ...
+        is_given: (N,) False for null.
+        numbers: Coordinates of the given ones, one after the other: x1, y1, x2, y2, ...
     """
 
     is_given: Sequence[bool]
@@ -50,7 +50,7 @@ class Side(NamedTuple):
 
 
 class PlanningColumns(NamedTuple):
-    """A file in which every trajectory has the right shape, in its own order; bounds are not checked."""
+    """A file whose trajectories all have the right shape, in file order; bounds are not checked."""
 
     split: str
     sample_ids: Sequence[str]
@@ -59,7 +59,7 @@ class PlanningColumns(NamedTuple):
 
 
 def planning_columns(text: bytes, n_waypoints: int) -> PlanningColumns | None:
-    """Decode an inflated planning file; None where it is faulty or not certainly sound."""
+    """Decode an inflated planning file; None if it is faulty or not certainly sound."""
     submission = decode(text, DECODER, PLANNING.file_schema)
     if submission is None:
         return None
@@ -83,16 +83,16 @@ def _are_short(
     sources: Sequence[msgspec.Raw],
     edits: Sequence[msgspec.Raw],
 ) -> bool:
-    """Whether no prediction is longer than the precise checker takes, blanks included."""
+    """Whether no prediction is longer than the precise checker accepts, blanks included."""
     parts = (sample_ids, sources, edits)
     longest = len(BARE_PREDICTION) + sum(max(map(len, part), default=0) for part in parts)
     n_bare = len(BARE_PREDICTION) * len(sample_ids) + sum(sum(map(len, part)) for part in parts)
-    blanks_in_one = longest + len(text) - n_bare  # were they all in one
+    blanks_in_one = longest + len(text) - n_bare  # if all blanks were in one prediction
     return blanks_in_one <= MAX_VALUE_CHARACTERS or are_short(text)
 
 
 def _side(texts: Sequence[msgspec.Raw], n_waypoints: int) -> Side | None:
-    """Return N JSON texts as numbers, or None where one is neither null nor `[[x, y] x T]`."""
+    """Return N JSON texts as numbers; None if one is neither null nor `[[x, y] x T]`."""
     given, is_given, joined = texts, [True] * len(texts), b",".join(texts)
     if not _are_trajectories(joined, len(given), n_waypoints):
         is_given = [bytes(text) != NULL for text in texts]
@@ -108,6 +108,6 @@ def _side(texts: Sequence[msgspec.Raw], n_waypoints: int) -> Side | None:
 
 
 def _are_trajectories(joined: bytes, n: int, n_waypoints: int) -> bool:
-    """Whether texts, joined by commas, have the shape of N trajectories, whatever their numbers are."""
+    """Whether texts, joined by commas, have the shape of N trajectories, whatever their numbers."""
     one = b"[" + b",".join([b"[,]"] * n_waypoints) + b"]"
     return joined.translate(None, NO_NUMBERS_NO_BLANKS) == b",".join([one] * n)

@@ -1,6 +1,6 @@
 """Rules for `exceptiondrive.planning/1`: trajectories (docs/protocol.md 1)."""
 
-from __future__ import annotations  # array[float] is no runtime type before 3.12
+from __future__ import annotations  # array[float] is not subscriptable at runtime before 3.12
 
 import math
 from array import array
@@ -43,11 +43,11 @@ SIDES_MISSING: Mapping[str, str] = {
     "source": f"what the planner answered to the scene as it was recorded: {_RUN_BOTH}",
     "edited": f"what the planner answered to the edited scene: {_RUN_BOTH}",
 }
-"""What is not there, and how it is had, where a whole file lacks one side of its pairs."""
+"""What is missing and how to get it, if a whole file lacks one side of its pairs."""
 FARTHEST_M = 1e9
-"""Farther than any coordinate of the earth: nothing can be made of such a number."""
+"""Farther than any coordinate on earth: such a number cannot be explained."""
 STEP_MARGIN = 1e-9
-"""A step as near to the longest one as this is left to the squares of `_check_step`."""
+"""Steps this close to the longest allowed one are left to the exact test of `_check_step`."""
 
 
 class PlanningRules:
@@ -83,7 +83,7 @@ class PlanningRules:
         return pair
 
     def take(self, columns: PlanningColumns) -> Mapping[str, TrajectoryPair] | None:
-        """Take all predictions of a file at once; None where a number may be out of bounds: none is taken."""
+        """Take all predictions of a file at once; None, and none, if one may be out of bounds."""
         n_waypoints, sides = self._geometry.waypoints, (columns.source, columns.edited)
         source, edited = (_flat_array(side.numbers) for side in sides)
         answers: Mapping[str, TrajectoryPair]
@@ -119,9 +119,9 @@ class PlanningRules:
         )
 
     def finish(self, answers: Mapping[str, Any], manifest: Manifest | None) -> FileProfile | None:
-        """Check what can be told only over all predictions; say what the file looks like."""
+        """Run the checks over all predictions; return the profile of the file."""
         n_waypoints, tracks = self._geometry.waypoints, self._tracks
-        if tracks is None and self._faults.is_empty:  # all of them are whole
+        if tracks is None and self._faults.is_empty:  # all are complete
             tracks = self._tracks = PairTracks.of(answers.values(), n_waypoints)
         sources = tracks.source if tracks else Tracks.of(self._sources, n_waypoints)
         frame = FrameCheck(sources, self._protocol)
@@ -160,13 +160,13 @@ class PlanningRules:
 
     @property
     def _n_given(self) -> int | None:
-        """Waypoints of a trajectory, where most have another number of them than they should."""
+        """Number of waypoints in most trajectories, if it is not the required one."""
         n_right = self._n_trajectories - self._wrong_counts.total()
         ((n_given, n_wrong),) = self._wrong_counts.most_common(1) or ((0, 0),)
         return n_given if n_wrong > n_right else None
 
     def notes(self, n_predictions: int, profile: FileProfile | None) -> tuple[str, ...]:
-        """Say what a sound file leaves out, what that costs, and that it will be flagged as blind."""
+        """Say what a sound file leaves out, what that costs, and whether it is flagged as blind."""
         costs = {"source": "its shift is undefined", "edited": "it counts as unsafe"}
         missing = (
             f"{key} is null for {self._n_missing[key]:,} of {n_predictions:,} samples: "
@@ -184,7 +184,7 @@ class PlanningRules:
         return *missing, *self._zero_warnings(n_predictions), *blind
 
     def _zero_warnings(self, n_predictions: int) -> Iterator[str]:
-        """Say where zeros may stand for no answer: the car was too fast to stand at once."""
+        """Warn of zeros that may mean no answer: the car was too fast to stand still at once."""
         if self._tracks is None:
             return
         source, edited, n_both = self._tracks
@@ -198,7 +198,7 @@ class PlanningRules:
             )
 
     def unranked_because(self, n_predictions: int, profile: FileProfile | None) -> str | None:
-        """Say why a sound file would be scored but not ranked; None where nothing tells that."""
+        """Say why a sound file would be scored but not ranked; None if nothing shows that."""
         ranking = self._protocol.ranking
         shares = {
             key: 1 - self._n_missing[key] / max(n_predictions, 1) for key in ("edited", "source")
@@ -213,9 +213,9 @@ class PlanningRules:
     def _file_flags(
         self, n_predictions: int, profile: FileProfile | None, shares: Mapping[str, float]
     ) -> Iterator[tuple[str, str]]:
-        """Yield the flags that a file tells of without its regions, and why (docs/protocol.md 5).
+        """Yield the flags of a file that need no regions, and why (docs/protocol.md 5).
 
-        Shares are of all samples: a missing trajectory counts as one that stands still.
+        Shares are over all samples: a missing trajectory counts as one that stands still.
         """
         if profile is None or self._tracks is None:
             return
@@ -283,7 +283,7 @@ class PlanningRules:
         return self._waypoints(value, path, sample_id)
 
     def _sound_trajectory(self, value: Any) -> array[float] | None:
-        """Return a trajectory without a fault; None where every point has to be looked at."""
+        """Return a trajectory without a fault; None if its points must be checked one by one."""
         if type(value) is not list or len(value) != self._geometry.waypoints:
             return None
         bound_m, longest_m2 = self._geometry.max_coordinate_m, self._geometry.max_step_m**2
@@ -304,7 +304,7 @@ class PlanningRules:
         return flat
 
     def _waypoints(self, value: list[Any], path: Path, sample_id: str | None) -> array[float]:
-        """Return the finite points as they are, so that one cause of many faults can be found."""
+        """Return the finite points unchanged, so that a cause of many faults can be found."""
         self._note_columns(value)
         flat = array("d")
         previous: tuple[float, float] | None = (0.0, 0.0)
@@ -326,7 +326,7 @@ class PlanningRules:
         return flat
 
     def _note_columns(self, value: list[Any]) -> None:
-        """Note whether waypoints of three columns go on in the last one or in another."""
+        """Note whether waypoints of three columns advance in the last one or in another."""
         if not value or not all(_is_row_of_three(value[end]) for end in (0, -1)):
             return
         *others, depth_m = (
@@ -354,7 +354,7 @@ class PlanningRules:
         return (x + 0.0, y + 0.0) if x_is_finite and y_is_finite else None
 
     def _is_finite(self, value: Any, path: Path, axis: int, sample_id: str | None) -> bool:
-        """Refuse what is no finite number, or out of bounds; tell whether it is a place on earth."""
+        """Refuse what is no finite number, or out of bounds; return whether it may be on earth."""
         bound_m = self._geometry.max_coordinate_m
         hint = None
         if type(value) in NUMBERS:
@@ -411,7 +411,7 @@ NULL_WORD_HINT = f"null stands without quotes: {CONVERT}` writes it so"
 COLUMNS_HINT = f"write x and y alone, without heading, z or time; {CONVERT}` does"
 CAMERA_HINT = f"looks like camera coordinates (x right, y down, z ahead): {CONVERT} --camera`"
 CLEARLY_MOVES_M = 5.0
-"""Farther than a column of times, headings or heights goes in a few seconds."""
+"""Farther than a column of times, headings or heights changes in a few seconds."""
 
 
 _NEGATIVE_ZERO = array("d", [-0.0]).tobytes()
@@ -422,7 +422,7 @@ def _flat_array(numbers: Sequence[float]) -> array[float]:
     flat = array("d", numbers)
     as_bytes, size, at = flat.tobytes(), flat.itemsize, -1
     while (at := as_bytes.find(_NEGATIVE_ZERO, at + 1)) >= 0:
-        if at % size == 0:  # else it reaches from one number into the next
+        if at % size == 0:  # otherwise it spans two numbers
             flat[at // size] = 0.0
     return flat
 
@@ -430,7 +430,7 @@ def _flat_array(numbers: Sequence[float]) -> array[float]:
 def _trajectories(
     is_given: Sequence[bool], flat: array[float], width: int
 ) -> list[array[float] | None]:
-    """Return N flat trajectories, None where null stands."""
+    """Return N flat trajectories, None for null."""
     given = (flat[start : start + width] for start in range(0, len(flat), width))
     return [next(given) if is_there else None for is_there in is_given]
 
@@ -468,5 +468,5 @@ def _shape_hint(value: Any) -> str | None:
 
 
 def _is_trajectory(value: Any) -> bool:
-    """Whether it is a list of points where one point belongs."""
+    """Whether it is a list of points in place of one point."""
     return isinstance(value, list) and bool(value) and all(isinstance(each, list) for each in value)

@@ -1,4 +1,4 @@
-"""The table of challenges: what a prediction of each is, and who scores it."""
+"""The table of challenges: the form of a prediction, and the class that scores it."""
 
 from collections.abc import Mapping
 from typing import Any, ClassVar, Protocol
@@ -21,7 +21,7 @@ from exceptiondrive_schemas.split import Manifest
 
 
 class PredictionRules(Protocol):
-    """What a challenge knows of its own file; the rest is the same for all."""
+    """The rules of a challenge for its own file; the rest is the same for all."""
 
     required_keys: ClassVar[frozenset[str]]
     """Keys of every prediction."""
@@ -35,13 +35,13 @@ class PredictionRules(Protocol):
         """Check one prediction and return its answer."""
 
     def finish(self, answers: Mapping[str, Any], manifest: Manifest | None) -> FileProfile | None:
-        """Check what can be told only over all predictions; say what the file looks like."""
+        """Run the checks over all predictions; return the profile of the file."""
 
     def notes(self, n_predictions: int, profile: FileProfile | None) -> tuple[str, ...]:
         """Say what a sound file leaves out, and what it will be flagged for, though ranked."""
 
     def unranked_because(self, n_predictions: int, profile: FileProfile | None) -> str | None:
-        """Say why a sound file would be scored but not ranked; None where it would be ranked."""
+        """Say why a sound file would be scored but not ranked; None if it would be ranked."""
 
     def document(self, split: str, answers: Mapping[str, Any]) -> CheckedDocument:
         """Return the sound file."""
@@ -49,16 +49,16 @@ class PredictionRules(Protocol):
 
 RULES: Registry[type[PredictionRules]] = Registry()
 SCORED_BY: Registry[str] = Registry()
-"""Names, not classes: what scores needs numpy, and who only checks a file has none."""
+"""Names instead of classes: scoring needs numpy, which checking a file does not."""
 
 
 def register(challenge: Challenge, rules: type[PredictionRules], scored_by: str) -> None:
-    """Make a challenge known, to everyone and here alone.
+    """Register a challenge, here only and for all code.
 
-    It is scored by a `module:class` that is a `exceptiondrive_scoring.challenge.ChallengeScoring`.
+    `scored_by` is the `module:class` of an `exceptiondrive_scoring.challenge.ChallengeScoring`.
 
     Raises:
-        ValueError: There is one of this name.
+        ValueError: One of this name exists.
     """
     CHALLENGES.register(challenge.id, challenge)
     RULES.register(challenge.id, rules)
@@ -70,7 +70,7 @@ register(STRATEGY, StrategyRules, "exceptiondrive_scoring.strategy:StrategyScori
 
 
 def challenge_by_key(key: str) -> ChallengeId | None:
-    """Say which challenge a prediction with this key is for, where `schema` does not say it."""
+    """Return the challenge of predictions with this key, if `schema` does not give it."""
     for challenge_id, rules in RULES.items():
         if key != "sample_id" and key in rules.required_keys | rules.optional_keys:
             return challenge_id

@@ -1,4 +1,4 @@
-"""Every sample of the split exactly once: unknown, missing and duplicate sample ids."""
+"""Checks that a file has every sample of the split once: unknown, missing and duplicate ids."""
 
 import difflib
 import re
@@ -18,10 +18,10 @@ SHARDS = "one shard of several? `exceptiondrive convert FILE FILE ...` makes one
 
 
 class NearestId:
-    """Sorted valid ids; a search looks at few of them, so that 50,000 cost no more than 50.
+    """Sorted valid ids; a search examines few of them, so that 50,000 cost no more than 50.
 
-    A mistyped id still shares its beginning or its end with the right one, hence it stands near it
-    in the order of the ids, or in the order of the reversed ids.
+    A mistyped id still shares its beginning or its end with the right one, so it is near it in the
+    order of the ids, or in the order of the reversed ids.
     """
 
     def __init__(self, valid_ids: Iterable[str]) -> None:
@@ -30,7 +30,7 @@ class NearestId:
         self._valid = {valid_id.casefold(): valid_id for valid_id in self._forward}
 
     def nearest(self, wanted: str) -> str | None:
-        """Return the valid id most like `wanted`, or None where none is like it."""
+        """Return the valid id most similar to `wanted`, or None if none is similar."""
         if of_name := self._in_name(wanted):
             return of_name
         if len(wanted) > MAX_ID_CHARACTERS:
@@ -41,7 +41,7 @@ class NearestId:
         return found[0] if found else None
 
     def _in_name(self, wanted: str) -> str | None:
-        """Return the valid id in other capitals, or in the last parts of a file's path."""
+        """Return the valid id that differs in case only, or is the last part of a file's path."""
         parts = wanted[-2 * MAX_ID_CHARACTERS :].strip().casefold().replace("\\", "/").split("/")
         parts[-1] = parts[-1].partition(".")[0].partition("__")[0]
         names = ("/".join(parts[start:]) for start in range(len(parts)))
@@ -57,7 +57,7 @@ NO_LINE_BREAKS: frozenset[str] = frozenset()
 
 
 class SampleIds:
-    """The sample ids of a file so far. Without a manifest only duplicates can be told."""
+    """The sample ids of a file so far. Without a manifest only duplicates can be found."""
 
     def __init__(self, manifest: Manifest | None, faults: FaultList) -> None:
         self._manifest = manifest
@@ -67,7 +67,7 @@ class SampleIds:
         self._unknown: list[tuple[int, str]] = []
 
     def admit(self, value: object, index: int) -> str | None:
-        """Check what stands under `sample_id` of one prediction; return it where it is usable."""
+        """Check the `sample_id` of one prediction; return it if it is usable."""
         if not isinstance(value, str) or not value:
             got = "an empty text" if value == "" else kind(value)
             hint = "take the ids from the manifest; a number or a place in a list is none"
@@ -81,7 +81,7 @@ class SampleIds:
         return self._admit_once(value, index)
 
     def are_sound(self, sample_ids: Sequence[str]) -> bool:
-        """Whether these certainly are the ids of a file without a fault; then none is looked at again."""
+        """Whether these are certainly the ids of a sound file; then none is checked again."""
         distinct = set(sample_ids)
         if len(distinct) < len(sample_ids):
             return False
@@ -92,9 +92,9 @@ class SampleIds:
     def finish(self, n_read: int | None) -> None:
         """Report unknown and missing samples, each with the id that was probably meant.
 
-        Where no prediction names a sample of the split, that is said once, in place of every sample
-        that is missing. Where the list of predictions was not read to its end, and its length is not
-        known, nothing can be called missing.
+        If no prediction names a sample of the split, that is said once, in place of all missing
+        samples. If the list of predictions was not read to its end, and its length is unknown, no
+        sample counts as missing.
         """
         if self._manifest is None:
             return

@@ -1,21 +1,21 @@
-"""What a planning file looks like, and which simple mistake would explain it.
+"""The profile of a planning file, and the simple mistake that would explain it.
 
-The source trajectories are plans for scenes that were really driven, so their distance from the
-recorded drive tells at once whether a file is what it claims to be. Nothing is refused here: the
-profile warns. Pure Python, for client and server alike.
+Source trajectories are plans for scenes that were actually driven, so their distance from the
+recorded drive shows whether a file is what it claims to be. Nothing is refused here: the profile
+warns. Pure Python, for client and server alike.
 
-Distances of a trajectory are compared as shares of the distance of the recorded one from the
-origin, so that a shorter time shown is no better fit. On the 13 planners of LightEMMA (3,181
-samples of nuScenes) a file as it is has 0.07 to 0.15, and every transformation fits at least 3.7
-times worse. Each transformation of each of them is 5.0 to 1,400 times worse than the file mended. A
-mirrored file shows where the drive turns, at its last waypoint, sideways: there right files are off
-by 0.5 to 0.7 of the recorded distance, 2.0 to 3.2 times less than mirrored ones. Rows that stand one
-off show at the first waypoint, where two samples in a row were driven at different speeds: there at
+Distances of a trajectory are compared as shares of the recorded one's distance from the origin, so
+that a shorter time does not fit better. On the 13 planners of LightEMMA (3,181 samples of nuScenes)
+an unchanged file has 0.07 to 0.15, and every transformation fits at least 3.7 times worse. A file
+with any of these mistakes is 5.0 to 1,400 times worse than the mended file. A mirrored file shows
+where the drive turns, in the lateral position of its last waypoint: right files are off by 0.5 to
+0.7 of the recorded distance there, 2.0 to 3.2 times less than mirrored ones. Rows that are off by
+one show at the first waypoint, where two consecutive samples were driven at different speeds: at
 most an eighth of the answers of a right file are nearer to the other sample's drive, and seven
-eighths of a file that is one row off.
+eighths of a file that is off by one row.
 """
 
-from __future__ import annotations  # array[float] is no runtime type before 3.12
+from __future__ import annotations  # array[float] is not subscriptable at runtime before 3.12
 
 import math
 import statistics
@@ -43,39 +43,39 @@ from exceptiondrive_schemas.file_profile import FileProfile, Mend
 from exceptiondrive_schemas.protocol import GeometrySection, PlausibilitySection
 
 FITS = 0.25
-"""A file is what it claims to be if its sources are at most so far off the recorded drives."""
+"""A file is what it claims to be if its sources are at most this far off the recorded drives."""
 FITS_BETTER = 3.0
-"""So many times better, and a transformation is named."""
+"""A transformation is named if the file fits this many times better with it."""
 MIRROR_FITS, MIRROR_FITS_BETTER = 0.75, 1.5
-"""The same sideways, where the drive turns."""
+"""The same for lateral distances, where the drive turns."""
 TURNS_ABOVE_M = 1.0
-"""A recorded drive that ends this far to a side turns."""
+"""A recorded drive turns if it ends at least this far to a side."""
 AT_ORIGIN_M = 0.05
-"""A first point as near to the origin as this is the car at t = 0."""
+"""A first point this close to the origin is the car at t = 0."""
 FROM_ORIGIN = 0.9
-"""So large a share of the moving trajectories begins at the origin only where t = 0 is written; and
-of standing ones elsewhere, all alike, only where another point than the rear axle is written."""
+"""If this share of the moving trajectories begins at the origin, t = 0 is written; if this share of
+the standing ones is elsewhere, at one place, another point than the rear axle is written."""
 FIRST_STEPS_LONGER = 1.6
-"""So many times longer than the second a median first step is where the first waypoint is missing."""
+"""If the median first step is this many times the second, the first waypoint is missing."""
 LEAD_FITS_BETTER = 2.0
 OFFSET_ABOVE_M, OFFSET_SPREADS_M, MIN_STANDING = 1.0, 0.5, 5
-"""No standing car is so far away, nor are all of them equally far all the time."""
+"""No standing car is this far away, and not all of them equally far all the time."""
 ROWS_DIFFER_M = 1.5
-"""First waypoints that are so far apart are of cars at different speeds."""
+"""First waypoints this far apart are of cars at different speeds."""
 OF_NEIGHBOUR = 0.75
-"""So large a share of the answers is nearer to the neighbour's where rows stand one off."""
+"""If this share of the answers is nearer to the neighbour's, rows are off by one."""
 OF_OTHERS, IN_ORDER = 0.25, 0.12
-"""So far off sample by sample, and so near in order of length, and drives have other samples' ids."""
+"""If drives are this far off by sample, but this close when sorted by length, ids are mixed up."""
 NO_PACE = 0.1
-"""No planner means to drive at less than this share of the recorded speed, or at as many times more."""
+"""No planner intends less than this share of the recorded speed, or more than its inverse."""
 ALL_ROWS = 0.8
-"""A smaller share of rows mended by a transformation is a part of them: the others are spoilt by it."""
+"""If a transformation mends a smaller share of rows, it mends a part and spoils the others."""
 MIN_COMPARED = 20
-"""Fewer samples tell nothing."""
+"""With fewer samples there is no verdict."""
 MAX_COMPARED = 300
-"""More tell nothing new: transformations are tried on every so-manieth sample."""
+"""More samples add nothing: transformations are tried on evenly spaced ones."""
 FIRST_LOOK, FAR_OFF = 12, 0.5
-"""A transformation that is so far off on every twelfth of them is not tried on all."""
+"""A transformation this far off on every twelfth sample is not tried on all."""
 SECONDS_SHOWN = (1.0, 2.0, 3.0)
 WITH_ITS_ID = "write each trajectory with its own sample id"
 
@@ -88,19 +88,19 @@ def file_profile(
     n_given: int | None = None,
     tracks: PairTracks | None = None,
 ) -> FileProfile | None:
-    """Describe what a planning file says.
+    """Describe the content of a planning file.
 
     Args:
-        pairs: Trajectories by sample id, metres; those without all waypoints are passed over.
+        pairs: Trajectories by sample id, metres; those without all waypoints are skipped.
         geometry: Waypoints and time step.
-        plausibility: What stands still, and which pairs are equal.
-        recorded: The drives that were recorded in the source scenes, where they are public.
-        n_given: Waypoints that the trajectories have, where these are not those of the protocol and
-            `pairs` tell the first of them: then only the time between them is looked for.
-        tracks: The same trajectories column by column, where they are at hand and all whole.
+        plausibility: Thresholds of standing still and of equal pairs.
+        recorded: The drives that were recorded in the source scenes, if public.
+        n_given: Number of waypoints of the trajectories if it differs from the protocol's and
+            `pairs` holds the first of them; then only their time step is estimated.
+        tracks: The same trajectories column by column, if available and all complete.
 
     Returns:
-        Medians and means over all samples; None for a file without a whole trajectory.
+        Medians and means over all samples; None for a file without a complete trajectory.
     """
     n_wanted = min(n_given or geometry.waypoints, geometry.waypoints)
     whole: Mapping[str, Whole] = pairs
@@ -171,7 +171,7 @@ def _distances_m(points: Points, others: Points) -> list[float]:
 
 
 def _shifts_m(sources: Tracks, edited: Tracks) -> list[float]:
-    """Return the shift of each pair: over the waypoints and t = 0, where both are at the origin."""
+    """Return the shift of each pair, over the waypoints and t = 0, where both are at the origin."""
     n_points = len(sources.x_m) + 1
     return [total_m / n_points for total_m in map(sum, sources.gaps_m(edited))]
 
@@ -199,9 +199,9 @@ def _share(answers: Sequence[bool]) -> float | None:
 
 
 def _same_share(edited: Tracks, plausibility: PlausibilitySection) -> float | None:
-    """Return the share of paths whose distance of the end, end ahead and first step are the median's.
+    """Return the share of paths with the median's distance of the end, end ahead and first step.
 
-    None where the paths are few or short: those that stand or creep are told apart.
+    None if the paths are few or short: those that stand still or creep have their own numbers.
     """
     if len(edited.ends_m) < plausibility.flag_family_min_samples:
         return None
@@ -226,7 +226,7 @@ def _best_mend(
     plausibility: PlausibilitySection,
     n_given: int | None,
 ) -> Mend | None:
-    """Return the transformation after which the file fits, if it does not fit as it is."""
+    """Return the transformation after which the file fits, if it does not fit unchanged."""
     moving = [
         each
         for each in compared
@@ -260,7 +260,7 @@ def _best_of(
     transformations: Iterable[Transformation],
     times_better: float | None = None,
 ) -> Mend | None:
-    """Return what fits best, if it fits at all, and so many times better than the file as it is."""
+    """Return the best fit, if it fits at all, and by this factor better than the unchanged file."""
 
     def after(transformation: Transformation, samples: Sequence[Compared]) -> float | None:
         known = list(filter(None, map(transformation.apply, samples)))
@@ -282,7 +282,7 @@ def _best_of(
 
 
 def _relative_distance(points: Points, recorded: Points) -> float:
-    """Return how far points are off what was recorded, as a share of its distance from the origin."""
+    """Return the distance of points from recorded ones, as a share of the recorded distance."""
     scale_m = sum(math.hypot(*point) for point in recorded)
     return sum(_distances_m(points, recorded)) / scale_m if scale_m else 0.0
 
@@ -293,9 +293,9 @@ def _whole_or_part(
     mended_error: float,
     changes: Sequence[tuple[float, float]],
 ) -> Mend:
-    """Name a transformation; where it mends a part of the rows and spoils the others, say so.
+    """Name a transformation; if it mends some rows and spoils the others, say so.
 
-    The changes are how far each row is off, before and after, as shares.
+    The changes are the distances of each row, before and after, as shares.
     """
     nearer = [after < before for before, after in changes if abs(before - after) > FITS]
     share = sum(nearer) / len(nearer) if len(nearer) >= MIN_COMPARED else 1.0
@@ -315,7 +315,7 @@ def _whole_or_part(
 
 
 def _by_hand(looks_like: str, cure: str) -> Mend:
-    """Name a mistake that no conversion can mend, and of which no fit tells."""
+    """Name a mistake that no conversion can mend, and that the fit does not show."""
     return Mend(looks_like=looks_like, convert_option=None, by_hand=cure)
 
 
@@ -327,7 +327,7 @@ def _evenly_chosen(samples: Sequence[_One]) -> Sequence[_One]:
 
 
 def _median_error(pairs: Sequence[tuple[Points, Points]]) -> float:
-    """Return the median distance as a share of the median distance of what was recorded."""
+    """Return the median distance as a share of the median recorded distance."""
     origin = (0.0, 0.0)
     distance_m = statistics.median(sum(_distances_m(*pair)) for pair in pairs)
     scale_m = statistics.median(
@@ -337,7 +337,7 @@ def _median_error(pairs: Sequence[tuple[Points, Points]]) -> float:
 
 
 def _sideways_mend(moving: Sequence[Compared]) -> Mend | None:
-    """Return what mends trajectories that turn to the other side: a mirror image."""
+    """Return the mirror image as the mend of trajectories that turn to the other side."""
     turning = [each for each in moving if abs(each.recorded[-1][1]) > TURNS_ABOVE_M]
     if len(turning) < MIN_COMPARED:
         return None
@@ -355,13 +355,13 @@ def _sideways_mend(moving: Sequence[Compared]) -> Mend | None:
     return mend.model_copy(update={"is_sideways": True})
 
 
-# Mistakes that trajectories tell by themselves, or by their neighbours in the file
+# Mistakes that show in trajectories alone, or in their neighbours in the file
 
 
 def _start_mend(
     sides: Iterable[Tracks], geometry: GeometrySection, plausibility: PlausibilitySection
 ) -> Mend | None:
-    """Name a first waypoint that is the car at t = 0, in the trajectories of either side."""
+    """Detect a first waypoint that is the car at t = 0, in the trajectories of either side."""
     shares = []
     for of_side in sides:
         begins = [
@@ -383,7 +383,7 @@ def _start_mend(
 
 
 def _offset_mend(compared: Sequence[Compared]) -> Mend | None:
-    """Name waypoints of another point than the rear axle: a standing car is not where it stands."""
+    """Detect waypoints of another point than the rear axle, by standing cars that are elsewhere."""
     standing = [each for each in compared if math.hypot(*each.recorded[-1]) < OFFSET_SPREADS_M]
     if len(standing) < MIN_STANDING:
         return None
@@ -401,7 +401,7 @@ def _offset_mend(compared: Sequence[Compared]) -> Mend | None:
 
 
 def _offset_of_moving(tried: Sequence[Compared], error: float) -> Mend | None:
-    """Name the same where no car stands: every waypoint is equally far ahead of the recorded one."""
+    """Detect the same without standing cars: all waypoints are equally far ahead of the drive."""
     gaps_m = [
         own[0] - at[0] for each in tried for own, at in zip(each.source, each.recorded, strict=True)
     ]
@@ -420,7 +420,7 @@ def _origin_ahead(offset_m: float) -> Transformation:
 
 
 def _scale_mend(tried: Sequence[Compared], error: float) -> Mend | None:
-    """Name positions that are all the same number of times too short or too long: normalised ones."""
+    """Detect positions that are too short or too long by one factor, such as normalised ones."""
     shares = [math.hypot(*each.source[-1]) / math.hypot(*each.recorded[-1]) for each in tried]
     factor = statistics.median(shares)
     if factor == 0 or NO_PACE <= factor <= 1 / NO_PACE:
@@ -435,7 +435,7 @@ def _scale_mend(tried: Sequence[Compared], error: float) -> Mend | None:
 
 
 def _lead_mend(tried: Sequence[Compared], error: float, geometry: GeometrySection) -> Mend | None:
-    """Name waypoints that begin one time step late: a first step twice as long as the next."""
+    """Detect waypoints that begin one time step late: the first step is twice the next."""
     steps = [
         math.hypot(*each.source[0]) / max(math.dist(*each.source[:2]), AT_ORIGIN_M)
         for each in tried
@@ -456,8 +456,8 @@ def _lead_mend(tried: Sequence[Compared], error: float, geometry: GeometrySectio
 def _row_mend(
     whole: Mapping[str, Whole], tracks: PairTracks, recorded: Mapping[str, Points] | None
 ) -> Mend | None:
-    """Name trajectories that stand one row off: each is that of the sample before or behind it."""
-    if tracks.n_both == len(whole):  # all rows stand in the columns, in their order
+    """Detect trajectories off by one row: each is that of the sample before or after it."""
+    if tracks.n_both == len(whole):  # all rows are in the columns, in their order
         sources, edits = ((side.x_m[0], side.y_m[0]) for side in (tracks.source, tracks.edited))
     else:
         sources = _first_points(source for source, _ in whole.values())
@@ -484,9 +484,9 @@ def _row_mend(
 
 
 def _id_mend(lengths_m: Column, own_m: Column, *, what: str, lengths: str, own: str) -> Mend | None:
-    """Name trajectories under the ids of other samples: as long as they should be, in another order.
+    """Detect trajectories under wrong sample ids: of the right lengths, but in another order.
 
-    The words say what they are, which lengths these are, and what they should be as long as.
+    The words name the trajectories, these lengths, and the lengths that they should have.
     """
     scale_m = math.fsum(own_m)
     if len(own_m) < MIN_COMPARED or not scale_m:
@@ -505,9 +505,9 @@ def _id_mend(lengths_m: Column, own_m: Column, *, what: str, lengths: str, own: 
 
 
 def _edited_mend(sources: Tracks, edited: Tracks, plausibility: PlausibilitySection) -> Mend | None:
-    """Name edited trajectories of another frame, or of other samples, than their source ones.
+    """Detect edited trajectories in another frame, or of other samples, than their source ones.
 
-    Told by the first waypoint: no braking and no swerve moves it far.
+    Decided by the first waypoint: no braking and no swerve moves it far.
     """
     at_edit, at_source = next(edited.steps), next(sources.steps)
     is_moving = [length_m > plausibility.stationary_below_m for length_m in at_source.length_m]
@@ -542,7 +542,7 @@ def _edited_mend(sources: Tracks, edited: Tracks, plausibility: PlausibilitySect
 
 
 def _first_points(points: Iterable[Sequence[float] | None]) -> tuple[Column, Column]:
-    """Return x and y that stand first in each, NaN where there is none."""
+    """Return x and y of the first point of each, NaN where there is none."""
     firsts = [_ABSENT if point is None else (point[0], point[1]) for point in points]
     x_m, y_m = zip(*firsts, strict=True)
     return x_m, y_m
@@ -554,9 +554,9 @@ _ABSENT = (math.nan, math.nan)
 def _nearer_neighbour(
     own: tuple[Column, Column], answers: tuple[Column, Column]
 ) -> tuple[float, str] | None:
-    """Return the share of answers that are nearer to what a neighbour is, and on which side of it.
+    """Return the share of answers that are nearer to a neighbour's drive, and on which side it is.
 
-    Both are first waypoints, x and y, in the order of the file.
+    Both arguments are first waypoints, x and y, in the order of the file.
     """
     most_farther = (1 - OF_NEIGHBOUR) * len(own[0])
     for step, side in ((1, "behind"), (-1, "before")):
@@ -568,7 +568,7 @@ def _nearer_neighbour(
                 n_nearer += to_other_m < to_own_m
                 n_farther += to_other_m >= to_own_m
                 if n_farther > most_farther:
-                    break  # the share is too small, whatever follows
+                    break  # the share stays too small
         n_told = n_nearer + n_farther
         if n_told >= MIN_COMPARED and n_nearer >= OF_NEIGHBOUR * n_told:
             return n_nearer / n_told, side
@@ -576,5 +576,5 @@ def _nearer_neighbour(
 
 
 def _gaps_m(points: Sequence[Column], others: Sequence[Column]) -> Iterator[float]:
-    """Yield the distances of points from others, each x and y columns."""
+    """Yield the distances between points and others, each x and y columns."""
     return map(math.hypot, *(map(sub, *axes) for axes in zip(points, others, strict=True)))

@@ -48,7 +48,7 @@ class StrategyRules:
         return StrategyAnswer(strategy, reminder)
 
     def finish(self, answers: Mapping[str, Any], manifest: Manifest | None) -> None:
-        """Nothing is left to be told over all predictions."""
+        """Do nothing: no check concerns all predictions together."""
 
     def notes(self, n_predictions: int, profile: FileProfile | None) -> tuple[str, ...]:
         """Say what a sound file leaves out, and what that costs."""
@@ -58,7 +58,7 @@ class StrategyRules:
         return (f"strategy is null for {share}: each counts as wrong and under-warning",)
 
     def unranked_because(self, n_predictions: int, profile: FileProfile | None) -> str | None:
-        """Say why a sound file would be scored but not ranked; None where it would be ranked."""
+        """Say why a sound file would be scored but not ranked; None if it would be ranked."""
         share = 1 - self._n_missing / max(n_predictions, 1)
         covered = STRATEGY.words.covered
         reasons = [too_little_covered(covered, {"edited": share}, self._ranking.min_coverage)]

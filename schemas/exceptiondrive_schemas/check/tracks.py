@@ -1,6 +1,6 @@
-"""Trajectories of many samples, column by column: then Python takes its steps in C, without numpy."""
+"""Trajectories of many samples, column by column: loops then run in C, without numpy."""
 
-from __future__ import annotations  # array[float] is no runtime type before 3.12
+from __future__ import annotations  # array[float] is not subscriptable at runtime before 3.12
 
 import math
 from array import array
@@ -13,7 +13,7 @@ from typing import NamedTuple
 Column = Sequence[float]
 """One number of each of n samples, metres."""
 Whole = tuple["array[float] | None", "array[float] | None"]
-"""Source and edited trajectory of a sample, flat; None where there is no whole one."""
+"""Source and edited trajectory of a sample, flat; None where incomplete or missing."""
 
 
 class Steps(NamedTuple):
@@ -33,10 +33,10 @@ class Tracks:
 
     @classmethod
     def of(cls, trajectories: Sequence[Iterable[float]], n_waypoints: int) -> Tracks:
-        """Put whole trajectories, each flat (x1, y1, x2, y2, ...), beside each other.
+        """Arrange complete trajectories, each flat (x1, y1, x2, y2, ...), in columns.
 
         Raises:
-            ValueError: They have other numbers of waypoints.
+            ValueError: They differ in the number of waypoints.
         """
         width, joined = 2 * n_waypoints, array("d")
         for flat in trajectories:
@@ -47,20 +47,20 @@ class Tracks:
 
     @classmethod
     def cut(cls, joined: array[float], n_waypoints: int) -> Tracks:
-        """Put whole trajectories beside each other that stand one behind the other."""
+        """Arrange complete trajectories, given one after the other, in columns."""
         width = 2 * n_waypoints
         columns = [joined[start::width] for start in range(width)]
         return cls(columns[::2], columns[1::2])
 
     def first(self, n: int) -> Tracks:
-        """Return the first n of them; all are the same object, which knows its lengths already."""
+        """Return the first n of them; all of them is this same object, with its cached lengths."""
         if n == self.n:
             return self
         return Tracks([x[:n] for x in self.x_m], [y[:n] for y in self.y_m])
 
     @cached_property
     def step_lengths_m(self) -> tuple[Column, ...]:
-        """How long T steps are, the first one from the origin."""
+        """Lengths of the T steps, the first one from the origin."""
         return tuple(list(map(math.hypot, x, y)) for x, y in self._steps_of())
 
     @property
@@ -78,21 +78,21 @@ class Tracks:
 
     @cached_property
     def lengths_m(self) -> Column:
-        """How long each path is."""
+        """Length of each path."""
         return list(map(sum, zip(*self.step_lengths_m, strict=True)))
 
     @property
     def n(self) -> int:
-        """How many there are."""
+        """Number of trajectories."""
         return len(self.x_m[0])
 
     @cached_property
     def ends_m(self) -> Column:
-        """How far from the origin each one ends."""
+        """Distance of each end from the origin."""
         return list(map(math.hypot, self.x_m[-1], self.y_m[-1]))
 
     def gaps_m(self, others: Tracks) -> Iterator[tuple[float, ...]]:
-        """Yield the T distances of each trajectory from another one, waypoint by waypoint."""
+        """Yield the T distances between each trajectory and another one, waypoint by waypoint."""
         columns = [
             map(math.hypot, map(sub, x, other_x), map(sub, y, other_y))
             for x, other_x, y, other_y in zip(
@@ -103,7 +103,7 @@ class Tracks:
 
 
 def both_first(pairs: Iterable[Whole]) -> tuple[list[array[float]], list[array[float]], int]:
-    """Return source and edited trajectories, first those of pairs that have both, and how many."""
+    """Return source and edited trajectories, pairs with both first, and the number of these."""
     both, sources, edited = [], [], []
     for source, of_edit in pairs:
         if source is not None and of_edit is not None:
@@ -120,7 +120,7 @@ def both_first(pairs: Iterable[Whole]) -> tuple[list[array[float]], list[array[f
 
 
 class PairTracks(NamedTuple):
-    """Whole trajectories of a file; those of the `n_both` pairs that have both come first, in one order."""
+    """Complete trajectories of a file; those of the `n_both` pairs with both come first."""
 
     source: Tracks
     edited: Tracks
@@ -128,7 +128,7 @@ class PairTracks(NamedTuple):
 
     @classmethod
     def of(cls, pairs: Iterable[Whole], n_waypoints: int) -> PairTracks:
-        """Put the trajectories of pairs beside each other.
+        """Arrange the trajectories of pairs in columns.
 
         Raises:
             ValueError: One has another number of waypoints.

@@ -1,4 +1,4 @@
-"""Other forms in which planners write a waypoint: the checker names them, `convert` reads them."""
+"""Other forms of waypoints that planners write: the checker names them, `convert` reads them."""
 
 import math
 from collections.abc import Mapping
@@ -9,11 +9,11 @@ HEADINGS = ("heading", "heading_rad", "yaw", "theta")
 
 
 NULL_WORDS = frozenset({"", "none", "nan", "null", "na", "n/a", "nil"})
-"""What programs write as text for nothing, in small letters."""
+"""Texts that programs write for a missing value, in lower case."""
 
 
 def is_null_word(value: Any) -> bool:
-    """Whether it is a text, or false, that stands for nothing."""
+    """Whether it is a text, or false, that means a missing value."""
     return value is False or (isinstance(value, str) and value.strip().lower() in NULL_WORDS)
 
 
@@ -23,9 +23,9 @@ def is_number(value: Any) -> bool:
 
 
 def number_in(text: Any) -> float | None:
-    """Return the number that a text writes, NaN, infinities and a decimal comma included.
+    """Return the number in a text, including NaN, infinities and a decimal comma.
 
-    None where it is none.
+    None if it is no number.
     """
     if not isinstance(text, str):
         return None

@@ -1,9 +1,9 @@
-"""Simple mistakes of a trajectory file, as transformations that mend them: axes, units, times, order.
+"""Mistakes of trajectory files, as transformations that mend them: axes, units, times, order.
 
 `exceptiondrive convert` applies them; `source_fit` tries them. Pure Python, for client and server alike.
 """
 
-from __future__ import annotations  # array[float] is no runtime type before 3.12
+from __future__ import annotations  # array[float] is not subscriptable at runtime before 3.12
 
 import math
 from array import array
@@ -19,9 +19,9 @@ Points = Sequence[Point]
 SAME_TIME_S = 1e-6
 
 
-@dataclass(eq=False)  # frozen ones take five times as long to make, and there is one a sample
+@dataclass(eq=False)  # not frozen: that takes five times as long to create, once per sample
 class Compared:
-    """One sample: what was driven, and what the file says, flat (x1, y1, x2, y2, ...)."""
+    """One sample: the recorded drive and the file's answer, flat (x1, y1, x2, y2, ...)."""
 
     recorded: Points
     flat_source: array[float]
@@ -34,19 +34,19 @@ class Compared:
 
     @property
     def edited(self) -> Points | None:
-        """Those of the edited one, if there is one."""
+        """The waypoints of the edited trajectory, if there is one."""
         return None if self.flat_edited is None else _points(self.flat_edited)
 
 
 @dataclass(frozen=True)
 class Transformation:
-    """A simple mistake and what mends it.
+    """A simple mistake and its mend.
 
     Attributes:
-        looks_like: What the file looks like, to stand after "looks like".
-        option: What `exceptiondrive convert` needs to mend it; None where no conversion can.
+        looks_like: Description of the file, to follow "looks like".
+        option: The option of `exceptiondrive convert` that mends it; None if none can.
         apply: Returns mended points and the recorded ones at the same times.
-        by_hand: What the planner's author does where no conversion can.
+        by_hand: What the planner's author must do if no conversion can.
     """
 
     looks_like: str
@@ -76,7 +76,7 @@ def swapped(points: Points) -> list[Point]:
 
 
 def mirrored(points: Points) -> list[Point]:
-    """Turn y to the other side."""
+    """Negate y."""
     return [(x, -y) for x, y in points]
 
 
@@ -96,10 +96,10 @@ def summed(points: Points) -> list[Point]:
 
 
 def at_times(points: Points, time_step_s: float, times_s: Sequence[float]) -> list[Point]:
-    """Return where a trajectory is at given times, on straight lines between its waypoints.
+    """Return the positions at given times, on straight lines between the waypoints.
 
     Args:
-        points: Waypoints at one, two, ... time steps; (0, 0) is put in front.
+        points: Waypoints at one, two, ... time steps; (0, 0) is prepended.
         time_step_s: Time between two of them.
         times_s: Times from 0 to the last waypoint's.
     """
@@ -119,7 +119,7 @@ def of_source(
     change: Callable[[Points], Points],
     by_hand: str | None = None,
 ) -> Transformation:
-    """Return what mends each source trajectory by itself, at the times that it has."""
+    """Return a transformation of each source trajectory alone, at its own times."""
     return Transformation(
         looks_like, option, lambda sample: (change(sample.source), sample.recorded), by_hand
     )
@@ -130,7 +130,7 @@ def _exchange_sides(sample: Compared) -> tuple[Points, Points] | None:
 
 
 def _with_step(given_s: float, wanted_s: float, sample: Compared) -> tuple[Points, Points]:
-    """Take the source as waypoints `given_s` apart, and compare as far as both reach."""
+    """Treat the source as waypoints `given_s` apart, and compare up to where both reach."""
     step_s = min(given_s, wanted_s)
     reach_s = min(given_s * len(sample.source), wanted_s * len(sample.recorded))
     times_s = [step_s * step for step in range(1, round(reach_s / step_s) + 1)]
@@ -145,7 +145,7 @@ UNITS_M: Mapping[str, float] = {
     "centimetres": 0.01,
     "feet": 0.3048,
 }
-"""Units that trajectories come in, other than metres, each in metres."""
+"""Units of trajectories other than metres, each in metres."""
 SPATIAL: tuple[Transformation, ...] = (
     of_source("mirrored (y to the right)", "--mirror", mirrored),
     of_source("x and y exchanged (x left, y forward)", "--swap", swapped),
@@ -159,15 +159,15 @@ SPATIAL: tuple[Transformation, ...] = (
     of_source("increments instead of positions", "--cumulative", summed),
     of_source("reversed in time", "--reverse", lambda points: points[::-1]),
 )
-"""Another frame, unit or meaning of the numbers."""
+"""Other frames, units or meanings of the numbers."""
 TIME_FACTORS = (0.1, 0.2, 0.4, 0.5, 1.0, 2.0, 5.0)
 MIRROR = SPATIAL[0]
 EXCHANGE = Transformation("source and edited exchanged", "--exchange", _exchange_sides)
-"""Where edits are slight, a file fits exchanged, too, and much better as it should be."""
+"""If edits are slight, a right file fits when exchanged, too, but much better unchanged."""
 
 
 def of_time(geometry: GeometrySection, n_given: int) -> Iterator[Transformation]:
-    """Yield what waypoints another time apart would be; fewer than the horizon takes cannot be mended."""
+    """Yield other time steps of the waypoints; with too few for the horizon there is no mend."""
     for factor in TIME_FACTORS:
         given_s = factor * geometry.time_step_s
         n_needed = waypoints_needed(geometry, given_s)
@@ -190,5 +190,5 @@ def of_time(geometry: GeometrySection, n_given: int) -> Iterator[Transformation]
 
 
 def waypoints_needed(geometry: GeometrySection, time_step_s: float) -> int:
-    """Return how many waypoints so far apart in time reach the protocol's horizon."""
+    """Return the number of waypoints with this time step that reach the protocol's horizon."""
     return math.ceil((geometry.horizon_s - SAME_TIME_S) / time_step_s)

@@ -1,1 +1,1 @@
-"""The protocol documents that are shipped, and what is said of any protocol document."""
+"""The protocol documents that are shipped, and checks and comparison of any protocol document."""

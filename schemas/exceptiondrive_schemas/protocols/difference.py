@@ -1,8 +1,8 @@
-"""What changes from one protocol to another, in plain words, and which stages must repeat.
+"""The changes from one protocol to another, in plain words, and the stages that must be repeated.
 
-Pure: two documents in, sentences out. The stages are those of the protocol's own digests: the
-geometry is measured, grading, plausibility and taxonomy are graded, ranking is ranked, and the
-publication section decides digits alone.
+Pure: two documents in, sentences out. The stages are those of the protocol's own digests: geometry
+is measured; grading, plausibility and taxonomy are graded; ranking is ranked; the publication
+section affects digits alone.
 """
 
 from collections.abc import Iterator
@@ -56,7 +56,7 @@ _NAMES = {
     "unranked_flags": "flags with which an entry is listed without a rank",
     "min_scenes": "fewest scenes for an interval",
 }
-"""Where the words of a name are not the name's own."""
+"""Words for fields whose names do not read well."""
 _STRATEGY_SETS = ("acceptable", "under_warning")
 _UNITS = {
     "_m": "m",
@@ -96,7 +96,7 @@ def protocol_difference(
 ) -> Difference:
     """Return every change from `old` to `new` in plain words, those of the split revision first.
 
-    `n_sheets` stand to be made again, where a change repeats anything.
+    `n_sheets` is the number of sheets to recompute, if any change requires it.
     """
     changes = (*split, *_protocol_changes(old, new))
     stages = {change.stage for change in changes} or {Stage.NONE}
@@ -128,7 +128,7 @@ def _author_remarks(old: ProtocolDocument, new: ProtocolDocument) -> Iterator[st
 
 
 def _numbers(version: str) -> list[int]:
-    """Sort versions: 1.9 before 1.10; what follows the numbers, as in 1.1-withheld, says no order."""
+    """Return a version's sort key: 1.9 before 1.10; a suffix, as in 1.1-withheld, is ignored."""
     return [int(part) for part in version.partition("-")[0].split(".")]
 
 
@@ -138,10 +138,10 @@ def split_changes(
     n_counted: tuple[int, int] | None = None,
     steps: tuple[SplitChange, ...] = (),
 ) -> tuple[Change, ...]:
-    """Return the changes from one revision of a split to another, as far as they may be known.
+    """Return the changes between two revisions of a split, as far as they are public.
 
-    `n_counted` is N of the earlier and of the later one; `steps` are what the makers say of each step
-    between them, oldest first. What a step changes that is not the last one, a later one may change back.
+    `n_counted` is N of the earlier and of the later one; `steps` are the makers' notes on each step
+    between them, oldest first. Changes of a step may be reverted by a later one.
     """
     if old.revision == new.revision:
         return ()
@@ -180,7 +180,7 @@ def _protocol_changes(old: ProtocolDocument, new: ProtocolDocument) -> Iterator[
 
 
 def _order_changes(stage: Stage, old: dict[str, Any], new: dict[str, Any]) -> Iterator[Change]:
-    """Say by which metrics each challenge ranks, where that changes."""
+    """Name the metrics by which each challenge ranks, if that changes."""
     for challenge in (key for key in new | old if old.get(key) != new.get(key)):
         before, after = (_order_words(side.get(challenge)) for side in (old, new))
         yield Change(
@@ -261,7 +261,7 @@ def _caution_sentence(label: str, old: dict[str, int], new: dict[str, int]) -> s
 
 
 def _by_caution(ranks: dict[str, int]) -> str:
-    """Strategies in order; those of equal rank side by side."""
+    """Return the strategies in order, those of equal rank side by side."""
     groups: dict[int, list[str]] = {}
     for strategy, rank in sorted(ranks.items()):
         groups.setdefault(rank, []).append(strategy)

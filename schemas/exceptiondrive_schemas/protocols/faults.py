@@ -1,7 +1,7 @@
-"""What is wrong with a protocol document, a line each, for the organizer who wrote it.
+"""Faults of a protocol document, one line each, for the organizer who wrote it.
 
-A line names the place (with the id of the task or family, not its number alone), what is expected,
-and what stands there.
+A line names the place (with the id of the task or family, not its index alone), the expected value
+and the actual one.
 """
 
 import json
@@ -24,11 +24,11 @@ _SHAPES: Mapping[str | int, str] = {
     "name": _KEY,
     "family": _KEY,
 }
-"""What the patterns of names ask for, in words."""
+"""Descriptions of the patterns of names."""
 
 
 def unkeepable(document: Mapping[str, Any]) -> Iterator[str]:
-    """Name every value that TOML knows and a protocol does not: times, and no finite numbers."""
+    """Name every value that TOML allows and a protocol does not: times and non-finite numbers."""
     for place, value in _leaves(document, ()):
         if isinstance(value, date | time):
             yield f"{_place_text(place, document)}: should be a number or text, not a date or time"
@@ -50,9 +50,9 @@ def _leaves(value: object, place: Place) -> Iterator[tuple[Place, object]]:
 def faults_of(
     error: ValidationError, document: Mapping[str, Any], models: Mapping[str, type[BaseModel]]
 ) -> list[str]:
-    """Return a line for everything that breaks the schema.
+    """Return a line for each violation of the schema.
 
-    The models say which names each section may hold; `""` is the document itself.
+    The models give the allowed names of each section; `""` is the document itself.
     """
     found = error.errors(include_url=False)
     lines = [_line(item, document, models) for item in found[:MOST_LINES]]
@@ -80,7 +80,7 @@ def _line(item: Any, document: Mapping[str, Any], models: Mapping[str, type[Base
 
 
 def _suggestion(place: Place, models: Mapping[str, type[BaseModel]]) -> str:
-    """Name what was probably meant: a unit or a letter is soon wrong."""
+    """Name what was probably meant: a unit or a letter is easily mistyped."""
     section = str(place[0]) if len(place) > 1 else ""
     model = models.get(section)
     if model is None:

@@ -1,7 +1,7 @@
-"""What a protocol document may hold by its schema and nobody can mean.
+"""Protocol documents that are valid by the schema but cannot be intended.
 
-Asked when a document is added or checked by an organizer, never of one that is recorded: what was
-scored under it stays readable.
+Checked when an organizer adds or checks a document, never for a recorded one: scores made under it
+stay readable.
 """
 
 from collections import Counter
@@ -14,11 +14,11 @@ FOOTPRINT_LENGTH_M = (0.5, 55.0)
 """From a delivery robot to a road train."""
 FOOTPRINT_WIDTH_M = (0.3, 5.0)
 LEAST_D_SAFE_M = 0.01
-"""Less than this no sensor measures, and every sample that is clear would score full."""
+"""No sensor measures less, and every sample without contact would get the full score."""
 
 
 def nonsense(protocol: ProtocolDocument) -> list[str]:
-    """Return a line for everything that cannot be meant: its place, what stands there, and why not."""
+    """Return a line for each value that cannot be intended: its place, the value, and why not."""
     return [
         *_changes(protocol),
         *_footprint(protocol.geometry),

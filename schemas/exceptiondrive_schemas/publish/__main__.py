@@ -7,7 +7,7 @@ from exceptiondrive_schemas.publish.written_files import written_files
 
 
 def main() -> None:
-    """Write the files, relative to the repository that this package lies in."""
+    """Write the files, relative to the repository of this package."""
     root = Path(__file__).parents[3]
     if not (root / "pyproject.toml").is_file():
         sys.exit("this command writes into a checkout of the repository, and there is none here")

@@ -1,6 +1,6 @@
-"""A file broken in just one way for every fault code, and the page `docs/errors.md` of them.
+"""For every fault code a file with just this fault, and the page `docs/errors.md` about them.
 
-Their reports are made by the checker itself.
+The reports come from the checker itself.
 """
 
 import gzip
@@ -17,7 +17,7 @@ from exceptiondrive_schemas.published import example_text
 from exceptiondrive_schemas.split import Manifest
 
 MAX_UPLOAD_BYTES, MAX_INFLATED_BYTES = 10_000, 100_000
-"""Small limits, so that examples stay small; the server's are larger."""
+"""Small limits that keep the examples small; the server's are larger."""
 N_MOVING = 20
 
 
@@ -30,7 +30,7 @@ MANIFEST = Manifest.model_validate_json(example_text("manifest"))
 MANIFEST_OF_MOVING = MANIFEST.model_copy(
     update={"sample_ids": tuple(f"example-{number:04}" for number in range(1, N_MOVING + 1))}
 )
-"""Of enough samples for the frame check."""
+"""Manifest of enough samples for the frame check."""
 
 
 def _planning(old: bytes, new: bytes) -> Callable[[], bytes]:
@@ -95,7 +95,7 @@ BROKEN_FILES: Mapping[FaultCode, Callable[[], bytes]] = {
 
 
 def report_of(code: FaultCode) -> CheckReport:
-    """Return the report of the file that is broken in this way."""
+    """Return the report of the file with this fault."""
     manifest = MANIFEST_OF_MOVING if code is FaultCode.WRONG_FRAME else MANIFEST
     is_small = code in (FaultCode.FILE_TOO_LARGE, FaultCode.INFLATES_TOO_LARGE)
     limits: dict[str, Any] = (

@@ -1,7 +1,7 @@
 """One small valid example of every document; all tell the same story of three samples.
 
-They are kept as data, `published/examples/NAME.json`. Publishing writes them anew, as their models say
-them now; tests hold their numbers and digests to the checker, the scorer and one another.
+They are stored as data, `published/examples/NAME.json`. Publishing rewrites them from their present
+models; tests check their numbers and digests with the checker, the scorer and each other.
 """
 
 import json
@@ -32,7 +32,7 @@ MODELS: Mapping[str, type[Document]] = {
     "problem": Problem,
 }
 FILES = frozenset({"planning", "strategy", "split"})
-"""What people write by hand or by program: keys that may be left out are left out."""
+"""Documents that people write by hand or by program: their optional keys are left out."""
 _PLAIN_LIST = re.compile(r"\[[^\[\]{}]*\]")
 _LIST_OF_LISTS = re.compile(r"\[\s*(\[[^\[\]{}\n]*\](?:,\s*\[[^\[\]{}\n]*\])*)\s*\]")
 _BLANKS = re.compile(r"\s+")

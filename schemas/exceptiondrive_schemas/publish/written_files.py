@@ -1,4 +1,4 @@
-"""All generated files: where each one belongs and what it says."""
+"""All generated files: their paths and contents."""
 
 import json
 from typing import Any, Literal
@@ -14,7 +14,7 @@ DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
 
 def json_schema(name: str) -> dict[str, Any]:
-    """Return the JSON Schema of a document, as it is written or as it is read."""
+    """Return the JSON Schema of a document, for writing or for reading."""
     mode: Literal["serialization", "validation"] = (
         "serialization" if name in WRITTEN_BY_SERVER else "validation"
     )

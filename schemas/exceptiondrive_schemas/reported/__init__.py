@@ -1,4 +1,4 @@
-"""Rows that papers report, as board entries: marked as reported, never ranked, never mixed in."""
+"""Rows that papers report, as board entries: marked as reported, never ranked, kept apart."""
 
 import json
 from decimal import Decimal
@@ -61,8 +61,8 @@ def reported_paper() -> ReportedPaper:
 def reported_entries(challenge_id: ChallengeId, headline: Average) -> tuple[BoardEntry, ...]:
     """Return the reported rows of a challenge, in the paper's order.
 
-    Metrics that the paper does not report are None; so are all of them under a headline that is
-    not the aggregate the paper prints.
+    Metrics that the paper does not report are None; so are all of them if the headline is not the
+    aggregate that the paper prints.
     """
     paper, challenge = reported_paper(), CHALLENGES[challenge_id]
     reported = paper.challenges.get(challenge_id)
@@ -106,6 +106,6 @@ def _entry(
 
 
 def _value(challenge: Challenge, key: str, printed: str) -> float:
-    """The printed number as the board holds it: per cent become fractions, exactly."""
+    """Return the printed number as the board stores it: per cent become fractions, exactly."""
     number = Decimal(printed)
     return float(number / 100 if challenge.metric(key).unit == "fraction" else number)

@@ -45,7 +45,7 @@ class Measured(Document):
 
     @classmethod
     def on(cls, board: Board) -> "Measured":
-        """Return what a board was measured by."""
+        """Return the basis of measurement of a board."""
         return cls(
             split=board.split,
             protocol=board.protocol.version,
@@ -56,7 +56,7 @@ class Measured(Document):
 
 
 def differences(row: ImportedRow, own: Measured) -> Iterator[str]:
-    """Say what keeps a row from being compared with a phase's own entries; nothing where nothing does."""
+    """Yield the reasons why a row cannot be compared with a phase's own entries, if any."""
     if row.split.name != own.split.name:
         yield f"Split {row.split.name}, not {own.split.name}."
     elif row.split.revision != own.split.revision:
